@@ -1,0 +1,341 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "core/lookup.h"
+
+#include "core/pose.h"
+
+/* One of the two chains on its way up. */
+typedef struct {
+    shmtf_frame cur, last; /* last: the frame below cur on this chain */
+    uint32_t depth;        /* estimated edges from cur to the end */
+    uint32_t n;            /* edges climbed */
+    bool ended;
+    lookup_status end;     /* why it ended: LOOKUP_OK at a root */
+    shmtf_pose pose;       /* T_cur_start */
+} chain;
+
+/* t0 <= t < t1, differences beyond int64 included. */
+static double ratio_at(int64_t t, int64_t t0, int64_t t1) {
+    return (double)((uint64_t)t - (uint64_t)t0) / (double)((uint64_t)t1 - (uint64_t)t0);
+}
+
+static void interpolate(int64_t t, const ring_around_result *a, ring_record *r) {
+    *r = a->before;
+    if (a->before.stamp == t || !a->has_after || a->after.parent != a->before.parent) return;
+    r->pose = pose_interpolate(&a->before.pose, &a->after.pose, ratio_at(t, a->before.stamp, a->after.stamp));
+}
+
+/* The plain case of lookup_step_at. */
+static bool step_at_quick(const lookup *l, shmtf_frame frame, ring_record *r) {
+    ring_bracket b;
+    const shmtf_frame_words_t *f = &l->s->frames[frame.id];
+    if (!ring_bracket_quick(l->s, frame.id, l->snapshot, l->time, &b) || b.newest_tag <= l->clears.dynamic_upto) return false;
+    if ((uint32_t)load_relaxed(&f->gen) != frame.gen || load_relaxed(&f->floor) > commit_version(l->snapshot)) return false;
+    r->stamp = b.stamp;
+    r->parent = b.parent;
+    r->info = info_make(0, KIND_DYNAMIC, 0, 0);
+    r->pose = b.stamp == l->time || b.parent != b.parent_after ? b.pose
+              : pose_interpolate(&b.pose, &b.pose_after, ratio_at(l->time, b.stamp, b.stamp_after));
+    return true;
+}
+
+static lookup_status edge_failed(lookup *l, shmtf_frame frame, const ring_around_result *a) {
+    l->failed = frame;
+    l->failed_parent = parent_frame(a->newest.parent);
+    l->edge_oldest = a->oldest_stamp;
+    l->edge_newest = a->newest.stamp;
+    if (a->oldest_stamp == a->newest.stamp) return LOOKUP_SINGLE;
+    return l->time > a->newest.stamp ? LOOKUP_FORWARD : LOOKUP_BACKWARD;
+}
+
+lookup_status lookup_step_at(lookup *l, shmtf_frame frame, ring_record *r, tree_step *step) {
+    ring_around_result a;
+    *step = STEP_GONE;
+    if (!frame.id || frame.id > l->s->geo.max_frames) return LOOKUP_OK;
+    if (step_at_quick(l, frame, r)) return *step = STEP_EDGE, LOOKUP_OK;
+    ring_status st = ring_around(l->s, frame.id, l->snapshot, l->time, &a);
+    fence_acquire();
+    *step = tree_classify(l->s, l->snapshot, &l->clears, frame, st, &a.newest);
+    if (*step != STEP_EDGE) return LOOKUP_OK;
+    *r = a.newest;
+    if (info_kind(a.newest.info) == KIND_STATIC) return LOOKUP_OK;
+    if (!a.has_before || l->time > a.newest.stamp) return edge_failed(l, frame, &a);
+    interpolate(l->time, &a, r);
+    return LOOKUP_OK;
+}
+
+static inline lookup_status step_up(lookup *l, shmtf_frame frame, ring_record *r, tree_step *step) {
+    if (l->at_time) return lookup_step_at(l, frame, r, step);
+    *step = tree_step_latest(l->s, l->snapshot, &l->clears, frame, r);
+    return LOOKUP_OK;
+}
+
+static inline void use_edge(lookup *l, chain *c, bool from_source, const ring_record *r) {
+    bool is_static = info_kind(r->info) == KIND_STATIC;
+    shmtf_frame parent = parent_frame(r->parent);
+    if (!is_static) {
+        if (r->stamp < l->oldest) l->oldest = r->stamp;
+        if (r->stamp > l->newest) l->newest = r->stamp;
+        l->n_dynamic++;
+    }
+    if (l->edges && c->n < l->max_edges) /* source's from the front, target's from the back */
+        l->edges[from_source ? c->n : l->max_edges - 1 - c->n] = (shmtf_edge){parent, c->cur, r->stamp, is_static};
+    c->pose = c->n ? pose_compose(&r->pose, &c->pose) : r->pose;
+    c->last = c->cur;
+    c->cur = parent;
+    c->n++;
+    if (c->depth) c->depth--;
+}
+
+/* Edges composed in a row and checked together afterwards.  Composing waits for its own last result, finding the next
+ * record does not: in one loop the processor does both at once. */
+enum { RUN_MOST = 32 };
+typedef struct {
+    const shmtf_frame_words_t *frame[RUN_MOST];
+    uint64_t lock[RUN_MOST];
+    shmtf_pose pose;       /* T_cur_start */
+    shmtf_frame cur, last; /* where it stopped, and the frame below */
+    int64_t oldest, newest;
+    uint32_t n_dynamic;
+} edge_run;
+
+/* Find and compose up to `most` edges above run->cur whose newest record is the plain case. */
+static uint32_t gather(const lookup *l, edge_run *run, bool has_pose, uint32_t most, shmtf_edge *edge, int stride) {
+    const shmtf_segment *s = l->s;
+    const uint64_t version = commit_version(l->snapshot), max_frames = s->geo.max_frames;
+    const uint64_t upto[16] = {UINT64_MAX, UINT64_MAX, l->clears.dynamic_upto, l->clears.static_upto, UINT64_MAX, UINT64_MAX,
+                               UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX,
+                               UINT64_MAX, UINT64_MAX}; /* per kind: versions that do not count as edges */
+    local_hint *above = l->above;
+    shmtf_frame cur = run->cur, last = run->last;
+    shmtf_pose pose = run->pose;
+    uint32_t n = 0;
+    for (; n < most && cur.id - 1ull < max_frames; n++) {
+        uint32_t seen = hint_get(&above[cur.id]), next = opaque32(seen);
+        ring_place p;
+        if (!ring_newest_place(s, cur.id, version, &p)) break;
+        uint64_t info = load_relaxed(&p.head->info), parent = load_relaxed(&p.body->parent);
+        int64_t stamp = (int64_t)load_relaxed(&p.head->stamp);
+        if (p.tag <= upto[info_kind(info)] || (uint32_t)load_relaxed(&p.f->gen) != cur.gen) break;
+        if (info_kind(info) == KIND_DYNAMIC) {
+            run->oldest = stamp < run->oldest ? stamp : run->oldest;
+            run->newest = stamp > run->newest ? stamp : run->newest;
+            run->n_dynamic++;
+        }
+        run->frame[n] = p.f;
+        run->lock[n] = p.lock;
+        if (edge) {
+            *edge = (shmtf_edge){parent_frame(parent), cur, stamp, info_kind(info) == KIND_STATIC};
+            edge += stride;
+        }
+        if (parent_frame(parent).id != seen) {
+            next = parent_frame(parent).id;
+            hint_set(&above[cur.id], next);
+        }
+        last = cur;
+        cur = (shmtf_frame){next, parent_frame(parent).gen};
+        shmtf_pose T_parent_child = ring_pose(p.body);
+        pose = has_pose ? pose_compose(&T_parent_child, &pose) : T_parent_child;
+        has_pose = true;
+    }
+    run->cur = cur;
+    run->last = last;
+    run->pose = pose;
+    return n;
+}
+
+static bool run_holds(const edge_run *run, uint32_t n) {
+    uint64_t moved = 0;
+    fence_acquire(); /* [E3 acquire] [E7 acquire] */
+    for (uint32_t i = 0; i < n; i++) moved |= load_relaxed(&run->frame[i]->lock) ^ run->lock[i];
+    return !moved;
+}
+
+/* Up to `steps` newest edges in a row; false: the next edge needs the general way. */
+static bool run_up(lookup *l, chain *c, bool from_source, uint32_t steps) {
+    edge_run run;
+    run.cur = c->cur;
+    run.last = c->last;
+    run.oldest = l->oldest;
+    run.newest = l->newest;
+    run.n_dynamic = l->n_dynamic;
+    uint32_t most = steps < RUN_MOST ? steps : RUN_MOST;
+    bool room = l->edges && c->n + most <= l->max_edges;
+    shmtf_edge *edge = room ? l->edges + (from_source ? c->n : l->max_edges - 1 - c->n) : NULL;
+    run.pose = c->pose;
+    uint32_t n = gather(l, &run, c->n != 0, most, edge, from_source ? 1 : -1);
+    if (!n || !run_holds(&run, n)) return false;
+    c->pose = run.pose;
+    l->oldest = run.oldest;
+    l->newest = run.newest;
+    l->n_dynamic = run.n_dynamic;
+    c->last = run.last;
+    c->cur = run.cur;
+    c->n += n;
+    c->depth = c->depth > n ? c->depth - n : 0;
+    return true;
+}
+
+static inline bool same(shmtf_frame a, shmtf_frame b) { return a.id == b.id && a.gen == b.gen; }
+
+/* Does a frame exist at S?  STEP_EDGE or STEP_ROOT: yes. */
+static tree_step existence(const lookup *l, shmtf_frame frame) {
+    const shmtf_segment *s = l->s;
+    ring_record r;
+    ring_place p;
+    if (frame.id - 1ull < s->geo.max_frames && ring_newest_place(s, frame.id, commit_version(l->snapshot), &p)) {
+        record_kind kind = info_kind(load_relaxed(&p.head->info));
+        bool life = (uint32_t)load_relaxed(&p.f->gen) == frame.gen && load_relaxed(&p.f->floor) <= commit_version(l->snapshot);
+        fence_acquire(); /* [E3 acquire] [E7 acquire] */
+        if (life && load_relaxed(&p.f->lock) == p.lock) return kind == KIND_REMOVED ? STEP_GONE : STEP_ROOT;
+    }
+    return tree_step_latest(s, l->snapshot, &l->clears, frame, &r);
+}
+
+/* Climb both chains, the deeper first, until they meet or both end. */
+static lookup_status climb(lookup *l, chain *a, chain *b) {
+    uint64_t limit = 2 * l->s->geo.max_frames + 2;
+    l->n_dynamic = 0;
+    l->oldest = INT64_MAX;
+    l->newest = INT64_MIN;
+    while (!same(a->cur, b->cur)) {
+        bool up_a = b->ended || (!a->ended && a->depth >= b->depth);
+        chain *c = up_a ? a : b;
+        if (c->ended) return LOOKUP_DISCONNECTED;
+        if (a->n + b->n > limit) return LOOKUP_LOOP;
+        const chain *other = up_a ? b : a;
+        if (!l->at_time && run_up(l, c, up_a, c->depth > other->depth ? c->depth - other->depth : 1)) continue;
+        ring_record r;
+        tree_step step;
+        lookup_status st = step_up(l, c->cur, &r, &step);
+        if (step == STEP_EDGE && st == LOOKUP_OK) {
+            use_edge(l, c, up_a, &r);
+            continue;
+        }
+        if (step == STEP_OLD) return LOOKUP_OLD;
+        if (step == STEP_CORRUPT) return LOOKUP_CORRUPT;
+        if (step == STEP_GONE) return c->n ? LOOKUP_DISCONNECTED : up_a ? LOOKUP_NO_SOURCE : LOOKUP_NO_TARGET;
+        c->ended = true;
+    }
+    /* The meeting point was reached from below, or is one of the two ends asked for: it must exist. */
+    tree_step step = existence(l, a->cur);
+    if (step == STEP_OLD) return LOOKUP_OLD;
+    if (step == STEP_CORRUPT) return LOOKUP_CORRUPT;
+    if (step == STEP_GONE) return !a->n ? LOOKUP_NO_SOURCE : !b->n ? LOOKUP_NO_TARGET : LOOKUP_DISCONNECTED;
+    bool overshot = a->n && b->n && same(a->last, b->last);
+    return overshot ? LOOKUP_DISCONNECTED : LOOKUP_OK;
+}
+
+/* The end of a chain, its length, and why it ends there.  c->cur becomes the end. */
+static lookup_status measure(lookup *l, chain *c, uint32_t *length) {
+    for (*length = 0; *length <= l->s->geo.max_frames; (*length)++) {
+        ring_record r;
+        tree_step step;
+        lookup_status st = step_up(l, c->cur, &r, &step);
+        if (step == STEP_EDGE && st == LOOKUP_OK) {
+            c->last = c->cur;
+            c->cur = parent_frame(r.parent);
+            continue;
+        }
+        if (step == STEP_OLD) return LOOKUP_OLD;
+        if (step == STEP_CORRUPT) return LOOKUP_CORRUPT;
+        c->end = step == STEP_EDGE ? st : LOOKUP_OK;
+        if (step == STEP_GONE) {
+            if (!*length) return LOOKUP_NO_SOURCE;
+            c->cur = c->last; /* the parent was removed: its child is a root */
+            (*length)--;
+        }
+        return LOOKUP_OK;
+    }
+    return LOOKUP_LOOP;
+}
+
+/* Leave depth hints along a measured chain, up to where they are right already.  At a time the chain may be another
+ * than the newest; a hint may be wrong. */
+static void hint_depths(lookup *l, shmtf_frame frame, uint32_t length) {
+    for (uint32_t left = length + 1; left && frame.id && frame.id <= l->s->geo.max_frames; left--) {
+        if (hint_get(&l->depth[frame.id]) == left) return;
+        hint_set(&l->depth[frame.id], left);
+        ring_record r;
+        if (tree_step_latest(l->s, l->snapshot, &l->clears, frame, &r) != STEP_EDGE) return;
+        frame = parent_frame(r.parent);
+    }
+}
+
+static chain chain_from(shmtf_frame frame, uint32_t depth) {
+    chain c = {.cur = frame, .depth = depth, .end = LOOKUP_OK};
+    c.pose = pose_identity();
+    return c;
+}
+
+static lookup_status finish(lookup *l, const chain *source, const chain *target) {
+    l->n_edges = source->n + target->n;
+    if (l->edges && target->n && l->n_edges <= l->max_edges)
+        memmove(l->edges + source->n, l->edges + l->max_edges - target->n, target->n * sizeof *l->edges);
+    if (!target->n) {
+        l->pose = source->pose;
+    } else {
+        shmtf_pose T_target_top = pose_inverse(&target->pose);
+        l->pose = source->n ? pose_compose(&T_target_top, &source->pose) : T_target_top;
+    }
+    pose_renormalise(&l->pose);
+    return LOOKUP_OK;
+}
+
+/* The exact walk, after hints failed: measure, then climb with true depths. */
+static lookup_status run_measured(lookup *l) {
+    chain a = chain_from(l->source, 0), b = chain_from(l->target, 0);
+    uint32_t na, nb;
+    lookup_status st = measure(l, &a, &na);
+    shmtf_frame failed = l->failed, failed_parent = l->failed_parent;
+    int64_t oldest = l->edge_oldest, newest = l->edge_newest;
+    if (st == LOOKUP_OK) {
+        st = measure(l, &b, &nb);
+        if (st == LOOKUP_NO_SOURCE) st = LOOKUP_NO_TARGET;
+    }
+    if (st != LOOKUP_OK) return st;
+    if (!same(a.cur, b.cur)) {
+        if (a.end != LOOKUP_OK) { /* both may have failed: the source's edge is named */
+            l->failed = failed;
+            l->failed_parent = failed_parent;
+            l->edge_oldest = oldest;
+            l->edge_newest = newest;
+            return a.end;
+        }
+        return b.end != LOOKUP_OK ? b.end : LOOKUP_DISCONNECTED;
+    }
+    hint_depths(l, l->source, na);
+    hint_depths(l, l->target, nb);
+    a = chain_from(l->source, na);
+    b = chain_from(l->target, nb);
+    st = climb(l, &a, &b);
+    return st == LOOKUP_OK ? finish(l, &a, &b) : st;
+}
+
+/* At a time, an edge may fail although no path exists at all, or above the common ancestor of today. */
+static lookup_status explain_failure(lookup *l, lookup_status st) {
+    lookup latest = *l;
+    latest.at_time = false;
+    latest.edges = NULL;
+    lookup_status newest = run_measured(&latest);
+    if (newest == LOOKUP_OK) return st;
+    return newest == LOOKUP_LOOP ? LOOKUP_CORRUPT : newest;
+}
+
+lookup_status lookup_run(lookup *l) {
+    ring_status cleared = tree_clears_at(l->s, l->snapshot, &l->clears);
+    if (cleared != RING_OK) return cleared == RING_CORRUPT ? LOOKUP_CORRUPT : LOOKUP_OLD;
+    if (l->source.id > l->s->geo.max_frames) return LOOKUP_NO_SOURCE;
+    if (l->target.id > l->s->geo.max_frames) return LOOKUP_NO_TARGET;
+    /* Frames above are reached through records of S, so their life began before S; the ends came from outside. */
+    if (load_relaxed(&l->s->frames[l->source.id].floor) > commit_version(l->snapshot)) return LOOKUP_OLD;
+    uint32_t da = hint_get(&l->depth[l->source.id]), db = hint_get(&l->depth[l->target.id]);
+    if (da && db) {
+        chain a = chain_from(l->source, da), b = chain_from(l->target, db);
+        lookup_status st = climb(l, &a, &b);
+        if (st == LOOKUP_OK) return finish(l, &a, &b);
+        if (st == LOOKUP_OLD || st == LOOKUP_CORRUPT) return st;
+    }
+    lookup_status st = run_measured(l);
+    if (l->at_time && (st == LOOKUP_BACKWARD || st == LOOKUP_FORWARD || st == LOOKUP_SINGLE)) return explain_failure(l, st);
+    return st;
+}

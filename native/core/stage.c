@@ -1,0 +1,307 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "core/stage.h"
+
+#include "core/pose.h"
+
+static stage_status from_txn(txn_status st) {
+    switch (st) {
+    case TXN_OK: return STAGE_OK;
+    case TXN_HELD: return STAGE_HELD;
+    case TXN_RETRY: return STAGE_RETRY;
+    case TXN_FULL_FRAMES: return STAGE_FULL_FRAMES;
+    case TXN_FULL_NAMES: return STAGE_FULL_NAMES;
+    case TXN_FULL_ARENA: return STAGE_FULL_ARENA;
+    default: return STAGE_CORRUPT;
+    }
+}
+
+static stage_status from_ring(ring_status st) {
+    return st == RING_OK ? STAGE_OK : st == RING_CORRUPT ? STAGE_CORRUPT : STAGE_RETRY;
+}
+
+bool stage_utf8(const char *text) {
+    const unsigned char *p = (const unsigned char *)text;
+    while (*p) {
+        unsigned c = *p++, more = c < 0x80 ? 0 : (c & 0xe0) == 0xc0 ? 1 : (c & 0xf0) == 0xe0 ? 2 : (c & 0xf8) == 0xf0 ? 3 : 9;
+        uint32_t code = c & (0x7fu >> (more ? more + 1 : 0));
+        static const uint32_t least[4] = {0, 0x80, 0x800, 0x10000};
+        if (more > 3) return false;
+        for (unsigned i = 0; i < more; i++, p++) {
+            if ((*p & 0xc0) != 0x80) return false;
+            code = code << 6 | (*p & 0x3fu);
+        }
+        if (code < least[more] || code > 0x10ffff || (code >= 0xd800 && code < 0xe000)) return false;
+    }
+    return true;
+}
+
+/* A name refused, or STAGE_OK; only names that handles do not stand for are looked at. */
+static stage_status check_name(stage *g, const shmtf_ref *ref) {
+    name_key key;
+    if (ref->frame.gen) return STAGE_OK;
+    g->what = names_key(&key, ref->name);
+    if (!g->what && !stage_utf8(ref->name)) g->what = "a frame name is not UTF-8";
+    return g->what ? STAGE_BAD_NAME : STAGE_OK;
+}
+
+stage_status stage_check(stage *g) {
+    for (g->item = 0; g->item < g->n; g->item++) {
+        shmtf_transform *t = &g->items[g->item];
+        stage_status st = check_name(g, &t->child);
+        if (st == STAGE_OK) st = check_name(g, &t->parent);
+        if (st != STAGE_OK) return st;
+        g->what = pose_normalise(&t->pose, &g->value);
+        if (g->what) return STAGE_BAD_POSE;
+        bool handles = t->parent.frame.gen && t->child.frame.gen;
+        if (handles ? t->parent.frame.id == t->child.frame.id
+                    : t->parent.name && t->child.name && !strcmp(t->parent.name, t->child.name))
+            return STAGE_SELF;
+    }
+    return STAGE_OK;
+}
+
+/* Name to handle, if the frame exists. */
+static stage_status find(const txn *x, shmtf_ref *ref) {
+    name_key key;
+    if (ref->frame.gen && ref->frame.id && ref->frame.id <= x->s->geo.max_frames) return STAGE_OK;
+    if (names_key(&key, ref->name)) return STAGE_GONE;
+    ring_status st = names_find(x->s, x->snapshot, &key, &ref->frame);
+    if (st == RING_OK) return STAGE_OK;
+    ref->frame = (shmtf_frame){0, 0};
+    return st == RING_NONE ? STAGE_OK : from_ring(st);
+}
+
+/* A handle turned out to be of an ended life: look the name up again, in a new transaction. */
+static stage_status stale(shmtf_ref *ref) {
+    if (!ref->name) return STAGE_GONE;
+    ref->frame = (shmtf_frame){0, 0};
+    return STAGE_RETRY;
+}
+
+static void sift(uint32_t *a, size_t at, size_t n) {
+    for (size_t child; (child = 2 * at + 1) < n; at = child) {
+        if (child + 1 < n && a[child + 1] > a[child]) child++;
+        if (a[at] >= a[child]) return;
+        uint32_t t = a[at];
+        a[at] = a[child];
+        a[child] = t;
+    }
+}
+
+static void sort_ids(uint32_t *a, size_t n) {
+    size_t sorted = 1;
+    while (sorted < n && a[sorted - 1] <= a[sorted]) sorted++;
+    if (sorted >= n) return;
+    if (n <= 32) {
+        for (size_t i = 1; i < n; i++) {
+            uint32_t v = a[i];
+            size_t j = i;
+            for (; j && a[j - 1] > v; j--) a[j] = a[j - 1];
+            a[j] = v;
+        }
+        return;
+    }
+    for (size_t i = n / 2; i-- > 0;) sift(a, i, n);
+    for (size_t i = n - 1; i > 0; i--) {
+        uint32_t t = a[0];
+        a[0] = a[i];
+        a[i] = t;
+        sift(a, 0, i);
+    }
+}
+
+/* All locks before any write, in id order. */
+static stage_status lock_children(stage *g) {
+    size_t n = 0;
+    for (g->item = 0; g->item < g->n; g->item++) {
+        shmtf_transform *t = &g->items[g->item];
+        stage_status st = find(g->x, &t->child);
+        if (st == STAGE_OK) st = find(g->x, &t->parent);
+        if (st != STAGE_OK) return st;
+        if (t->child.frame.gen) g->order[n++] = t->child.frame.id;
+    }
+    sort_ids(g->order, n);
+    for (size_t i = 0; i < n; i++) {
+        txn_status st = txn_lock_try(g->x, g->order[i], NULL);
+        if (st != TXN_OK) return from_txn(st);
+    }
+    return STAGE_OK;
+}
+
+static stage_status give_birth(stage *g, shmtf_ref *ref) {
+    name_key key;
+    txn_entry *e;
+    if (ref->frame.gen) return STAGE_OK;
+    names_key(&key, ref->name);
+    if (names_find_bound_by(g->x->s, &key, g->x->own, &ref->frame)) return STAGE_OK; /* by an earlier item */
+    return from_txn(txn_birth(g->x, &key, &ref->frame, &e));
+}
+
+/* Does the parent exist, at every commit until this one?  Cheap where it was seen alive under the same shape. */
+static stage_status check_parent(stage *g, shmtf_transform *t, bool same_edge) {
+    txn *x = g->x;
+    local_hint64 *checked = &x->checked[t->child.frame.id];
+    if (same_edge && hint64_get(checked) == x->topology + 1) return STAGE_OK;
+    txn_entry *e = txn_entry_for(x, t->parent.frame.id);
+    if (e && e->born) return names_gen(x->s, e->w.id) == t->parent.frame.gen ? STAGE_OK : stale(&t->parent);
+    ring_record r;
+    switch (tree_step_latest(x->s, x->snapshot, &x->clears, t->parent.frame, &r)) {
+    case STEP_OLD: return STAGE_RETRY;
+    case STEP_CORRUPT: return STAGE_CORRUPT;
+    case STEP_GONE: return stale(&t->parent);
+    default: break;
+    }
+    if (same_edge) hint64_set(checked, x->topology + 1);
+    return STAGE_OK;
+}
+
+static stage_status from_put(stage *g, put_status st) {
+    switch (st) {
+    case PUT_OK: g->x->n_staged++; return STAGE_OK;
+    case PUT_REPEAT: g->x->repeats++; return STAGE_OK;
+    case PUT_DROPPED: g->x->late_dropped++; return STAGE_OK;
+    case PUT_TOO_MANY: return STAGE_TOO_MANY;
+    default: return STAGE_CORRUPT;
+    }
+}
+
+/* The record itself, the frame being ours and the parent alive. */
+static stage_status put(stage *g, const shmtf_transform *t, txn_entry *e, const ring_record *newest, bool counts) {
+    txn *x = g->x;
+    bool is_static = (t->flags & SHMTF_STATIC) != 0;
+    record_kind kind = is_static ? KIND_STATIC : KIND_DYNAMIC, old_kind = info_kind(newest->info);
+    ring_record r = {.stamp = t->stamp_ns, .arrival = (uint64_t)g->arrival_ns, .pose = t->pose};
+    r.parent = parent_make(t->parent.frame);
+    r.info = info_make(0, kind, 0, g->writer);
+    bool staged = newest->version == x->own;
+    if (staged && counts && old_kind != kind) return STAGE_MIXED;
+    bool same_shape = counts && old_kind == kind && newest->parent == r.parent;
+    if (counts && kind == KIND_DYNAMIC && old_kind == kind && r.stamp < ring_horizon(x->s, newest->stamp)) {
+        g->newest = newest->stamp;
+        return STAGE_OLD_DATA;
+    }
+    if (is_static && same_shape && !memcmp(&newest->pose, &r.pose, sizeof r.pose)) return x->repeats++, STAGE_OK;
+    if (!is_static) {
+        txn_status st = txn_need_ring(x, e, x->s->geo.default_log2);
+        if (st != TXN_OK) return from_txn(st);
+    }
+    g->limit = shmtf_ring_spare(is_static ? SHMTF_INLINE_LOG2 : ring_word_log2(load_relaxed(&x->s->frames[e->w.id].ring)));
+    stage_status st = from_put(g, ring_put_locked(x->s, &e->w, &r, !(counts && old_kind == kind) || is_static, !is_static));
+    if (st == STAGE_OK && !same_shape && e->w.used) e->reshapes = x->reshapes = true;
+    return st;
+}
+
+static stage_status stage_one(stage *g, shmtf_transform *t) {
+    txn *x = g->x;
+    ring_record newest;
+    txn_entry *e = txn_entry_for(x, t->child.frame.id);
+    if (!e || names_gen(x->s, t->child.frame.id) != t->child.frame.gen) return stale(&t->child);
+    if (!(t->flags & SHMTF_STATIC) && hint64_get(&x->checked[t->child.frame.id]) == x->topology + 1 && !e->reshapes &&
+        ring_append_locked(x->s, &e->w, x->clears.dynamic_upto, t->stamp_ns, g->arrival_ns, parent_make(t->parent.frame), &t->pose, g->writer))
+        return x->n_staged++, STAGE_OK;
+    if (t->child.frame.id == t->parent.frame.id) return STAGE_SELF;
+    ring_newest_locked(x->s, &e->w, &newest);
+    record_kind kind = info_kind(newest.info);
+    if (!e->born && (kind == KIND_NONE || kind == KIND_REMOVED)) return stale(&t->child);
+    bool counts = newest.position && tree_record_counts(&x->clears, &newest) && kind != KIND_REMOVED;
+    bool same_edge = counts && newest.parent == parent_make(t->parent.frame);
+    stage_status st = check_parent(g, t, same_edge);
+    if (st == STAGE_OK) st = put(g, t, e, &newest, counts);
+    return st;
+}
+
+/* Births that got no record of their own are roots; then the shape as it will be must be a forest. */
+static stage_status finish_shape(stage *g) {
+    txn *x = g->x;
+    if (!x->reshapes) return STAGE_OK;
+    for (size_t i = 0; i < x->n; i++) {
+        txn_entry *e = &x->entries[i];
+        if (e->born && !e->w.used) {
+            txn_status st = txn_put_mark(x, e, KIND_ROOT, 0, 0, g->arrival_ns, g->writer);
+            if (st != TXN_OK) return from_txn(st);
+        }
+        ring_record newest;
+        ring_newest_locked(x->s, &e->w, &newest);
+        *txn_parent_of(x, e) = tree_record_counts(&x->clears, &newest) ? newest.parent : 0;
+    }
+    uint32_t cyclic;
+    bool found;
+    txn_status st = txn_check_cycles(x, &cyclic, &found);
+    if (st != TXN_OK) return from_txn(st);
+    if (!found) return STAGE_OK;
+    for (g->item = 0; g->item + 1 < g->n && g->items[g->item].child.frame.id != cyclic;) g->item++;
+    return STAGE_CYCLE;
+}
+
+void stage_forget_unborn(stage *g) {
+    for (size_t i = 0; i < g->n; i++) {
+        shmtf_ref *refs[2] = {&g->items[i].child, &g->items[i].parent};
+        for (int k = 0; k < 2; k++) {
+            uint32_t id = refs[k]->frame.id;
+            if (refs[k]->name && refs[k]->frame.gen && id <= g->x->s->geo.max_frames && names_frame_free(g->x->s, id))
+                refs[k]->frame = (shmtf_frame){0, 0};
+        }
+    }
+}
+
+stage_status stage_transforms(stage *g) {
+    stage_status st = lock_children(g);
+    if (st != STAGE_OK) return st;
+    for (g->item = 0; g->item < g->n; g->item++) {
+        st = give_birth(g, &g->items[g->item].child);
+        if (st == STAGE_OK) st = give_birth(g, &g->items[g->item].parent);
+        if (st != STAGE_OK) return st;
+    }
+    for (g->item = 0; g->item < g->n; g->item++) {
+        st = stage_one(g, &g->items[g->item]);
+        if (st != STAGE_OK) return st;
+    }
+    return finish_shape(g);
+}
+
+stage_status stage_declare(stage *g, const char *name, unsigned ring_log2) {
+    txn *x = g->x;
+    shmtf_ref ref = {name, {0, 0}};
+    txn_entry *e;
+    name_key key;
+    stage_status st = check_name(g, &ref);
+    if (st == STAGE_OK) st = find(x, &ref);
+    if (st != STAGE_OK) return st;
+    names_key(&key, name);
+    bool born = !ref.frame.gen;
+    st = from_txn(born ? txn_birth(x, &key, &ref.frame, &e) : txn_lock_try(x, ref.frame.id, &e));
+    if (st != STAGE_OK) return st;
+    shmtf_frame_words_t *f = &x->s->frames[ref.frame.id];
+    if (names_gen(x->s, ref.frame.id) != ref.frame.gen || (!born && names_frame_free(x->s, ref.frame.id))) return STAGE_RETRY;
+    uint64_t ring = load_relaxed(&f->ring);
+    if (born && ring && ring_word_log2(ring) != ring_log2) store_relaxed(&f->ring, 0);
+    if (!born && ring && ring_word_log2(ring) != ring_log2) {
+        g->limit = shmtf_ring_live(ring_word_log2(ring));
+        return STAGE_DECLARED;
+    }
+    st = from_txn(txn_need_ring(x, e, ring_log2));
+    if (st == STAGE_OK && born) st = from_txn(txn_put_mark(x, e, KIND_ROOT, 0, 0, g->arrival_ns, g->writer));
+    return st;
+}
+
+stage_status stage_remove(stage *g, shmtf_ref *ref) {
+    txn *x = g->x;
+    txn_entry *e;
+    stage_status st = check_name(g, ref);
+    if (st == STAGE_OK) st = find(x, ref);
+    if (st != STAGE_OK) return st;
+    if (!ref->frame.gen) return STAGE_GONE;
+    st = from_txn(txn_lock_try(x, ref->frame.id, &e));
+    if (st != STAGE_OK) return st;
+    if (names_gen(x->s, ref->frame.id) != ref->frame.gen || names_frame_free(x->s, ref->frame.id)) return stale(ref);
+    return from_txn(txn_put_mark(x, e, KIND_REMOVED, 0, 0, g->arrival_ns, g->writer));
+}
+
+stage_status stage_clear(stage *g, bool keep_static) {
+    txn_entry *e;
+    stage_status st = from_txn(txn_lock_try(g->x, TREE_CLEARS_ID, &e));
+    if (st != STAGE_OK) return st;
+    /* The last clear that ended static records too; its version is not known before it commits, hence the chain. */
+    uint64_t full = g->x->clears.static_upto;
+    return from_txn(txn_put_mark(g->x, e, KIND_CLEAR, keep_static ? CLEAR_KEEPS_STATIC : 0, full, g->arrival_ns, g->writer));
+}
