@@ -11,7 +11,7 @@ enum { SNAPSHOT_TRIES = 1000 };
 
 shmtf_snapshot shmtf_take_snapshot(shmtf_store *store) {
     shmtf_snapshot s = {0};
-    if (store_enter(store, NULL) == SHMTF_OK) s.word = load_seq_cst(&store->s.global->commit); /* [E2 acquire] [E9] */
+    if (store_enter(store, NULL) == SHMTF_OK) s.word = load_seq_cst(&store->s.global->commit); /* [E2 acquire] [E9 seq_cst] */
     return s;
 }
 
@@ -136,7 +136,7 @@ static shmtf_status look(shmtf_store *h, query *q, uint64_t snapshot, bool *agai
 static shmtf_status look_until_stable(shmtf_store *h, query *q, const shmtf_snapshot *snapshot) {
     for (int i = 0; i < SNAPSHOT_TRIES; i++) {
         bool again;
-        uint64_t s = snapshot ? snapshot->word : load_seq_cst(&h->s.global->commit); /* [E2 acquire] [E9] */
+        uint64_t s = snapshot ? snapshot->word : load_seq_cst(&h->s.global->commit); /* [E2 acquire] [E9 seq_cst] */
         shmtf_status st = look(h, q, s, &again);
         if (!again) return st;
         if (snapshot) break;

@@ -34,7 +34,7 @@ typedef struct {
 
 /* One look.  Sets the buckets that would ring: those of the frames, or of any commit if they are many. */
 static bool look(shmtf_store *h, watch *w, uint64_t *version) {
-    uint64_t commit = load_seq_cst(&h->s.global->commit); /* [E2 acquire] [E9] */
+    uint64_t commit = load_seq_cst(&h->s.global->commit); /* [E2 acquire] [E9 seq_cst] */
     bool is_changed = false;
     tree_clears clears;
     *version = commit_version(commit);

@@ -61,7 +61,7 @@ ring_status names_alive(const shmtf_segment *s, uint64_t snapshot, shmtf_frame f
     ring_status st = ring_latest(s, frame.id, snapshot, &r);
     if (st == RING_CORRUPT && (uint32_t)load_acquire(&f->gen) != frame.gen) st = RING_NONE;
     fence_acquire(); /* [E7 acquire] */
-    bool same = (uint32_t)load_relaxed(&f->gen) == frame.gen;
+    bool same = (uint32_t)load_acquire(&f->gen) == frame.gen; /* and the floor after it */
     if (load_acquire(&f->floor) > commit_version(snapshot)) return RING_OLD;
     if (!same) return RING_NONE;
     if (st == RING_OK && info_kind(r.info) == KIND_REMOVED) return RING_NONE;

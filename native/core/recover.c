@@ -26,7 +26,7 @@ static bool finish_if_decided(const shmtf_segment *s, uint32_t id, uint64_t lock
 void recover_dead(const shmtf_segment *s, uint32_t id, uint64_t lock) {
     bool gone;
     if (lock_slot(lock) >= s->geo.max_writers) return;
-    fence_seq_cst(); /* [E10]: the kernel's word that it is dead, before what it wrote */
+    fence_seq_cst(); /* [E10 seq_cst] the kernel's word that it is dead comes before what it wrote */
     if (finish_if_decided(s, id, lock, &gone) || gone) return;
     SHMTF_FAILPOINT("undoing");
     cas_acq_rel(&s->frames[id].lock, lock, lock_released(lock)); /* [E5 release] */

@@ -216,7 +216,7 @@ static txn_status commit_once(txn *x, uint64_t g, uint64_t shape, uint64_t versi
     SHMTF_FAILPOINT("versioned");
     store_release(&w->state, STATE_PREPARED | shape | version); /* [E4 release] */
     SHMTF_FAILPOINT("prepared");
-    return cas_seq_cst(&s->global->commit, g, commit_make(x->slot, version)) ? TXN_OK : TXN_HELD; /* [E2 release] */
+    return cas_seq_cst(&s->global->commit, g, commit_make(x->slot, version)) ? TXN_OK : TXN_HELD; /* [E2 release] [E9 seq_cst] */
 }
 
 txn_status txn_commit(txn *x, uint64_t *version) {

@@ -3,8 +3,8 @@
  * The only file that spells an atomic.  Every word of the segment that may change while another process looks at it
  * is a shmtf_word, read and written through the functions below; the suffix is the memory order.
  *
- * STEP hooks: with SHMTF_STEPS defined each shared access calls shmtf_step() first, so that a test can count the
- * stores of an operation, die or stop before the k-th, or hand control to a scheduler.  Shipped builds have none.
+ * STEP hooks: with SHMTF_STEPS defined each shared access calls shmtf_step() with its address first, so that a test can count
+ * the stores of an operation, die or stop before the k-th, or hand control to a scheduler.  Shipped builds have none.
  */
 #ifndef SHMTF_SEGMENT_ATOMIC_H
 #define SHMTF_SEGMENT_ATOMIC_H
@@ -23,19 +23,19 @@ _Static_assert(sizeof(shmtf_word) == 8 && ATOMIC_LLONG_LOCK_FREE == 2, "64-bit l
 
 enum { SHMTF_STEP_LOAD, SHMTF_STEP_STORE };
 #ifdef SHMTF_STEPS
-void shmtf_step(int kind);
+void shmtf_step(int kind, const void *word);
 #else
-#define shmtf_step(kind) ((void)0)
+#define shmtf_step(kind, word) ((void)0)
 #endif
 
 static inline uint64_t load_relaxed(const shmtf_word *w) {
-    shmtf_step(SHMTF_STEP_LOAD);
+    shmtf_step(SHMTF_STEP_LOAD, (const void *)w);
     return atomic_load_explicit(w, memory_order_relaxed);
 }
 /* A relaxed load of a word that holds a double's bits, straight into a floating-point register: compilers take the
  * detour through an integer register for atomics, which costs a port and three cycles per number. */
 static inline double load_double(const shmtf_word *w) {
-    shmtf_step(SHMTF_STEP_LOAD);
+    shmtf_step(SHMTF_STEP_LOAD, (const void *)w);
     double d;
 #if defined(__x86_64__) && !defined(__SANITIZE_THREAD__)
     __asm__("%vmovsd %1, %0" : "=x"(d) : "m"(*w));
@@ -48,35 +48,35 @@ static inline double load_double(const shmtf_word *w) {
     return d;
 }
 static inline uint64_t load_acquire(const shmtf_word *w) {
-    shmtf_step(SHMTF_STEP_LOAD);
+    shmtf_step(SHMTF_STEP_LOAD, (const void *)w);
     return atomic_load_explicit(w, memory_order_acquire);
 }
 static inline uint64_t load_seq_cst(const shmtf_word *w) {
-    shmtf_step(SHMTF_STEP_LOAD);
+    shmtf_step(SHMTF_STEP_LOAD, (const void *)w);
     return atomic_load_explicit(w, memory_order_seq_cst);
 }
 static inline void store_relaxed(shmtf_word *w, uint64_t v) {
-    shmtf_step(SHMTF_STEP_STORE);
+    shmtf_step(SHMTF_STEP_STORE, (const void *)w);
     atomic_store_explicit(w, v, memory_order_relaxed);
 }
 static inline void store_release(shmtf_word *w, uint64_t v) {
-    shmtf_step(SHMTF_STEP_STORE);
+    shmtf_step(SHMTF_STEP_STORE, (const void *)w);
     atomic_store_explicit(w, v, memory_order_release);
 }
 static inline bool cas_acq_rel(shmtf_word *w, uint64_t expected, uint64_t desired) {
-    shmtf_step(SHMTF_STEP_STORE);
+    shmtf_step(SHMTF_STEP_STORE, (const void *)w);
     return atomic_compare_exchange_strong_explicit(w, &expected, desired, memory_order_acq_rel, memory_order_acquire);
 }
 static inline bool cas_seq_cst(shmtf_word *w, uint64_t expected, uint64_t desired) {
-    shmtf_step(SHMTF_STEP_STORE);
+    shmtf_step(SHMTF_STEP_STORE, (const void *)w);
     return atomic_compare_exchange_strong_explicit(w, &expected, desired, memory_order_seq_cst, memory_order_acquire);
 }
 static inline uint64_t fetch_or_seq_cst(shmtf_word *w, uint64_t bits) {
-    shmtf_step(SHMTF_STEP_STORE);
+    shmtf_step(SHMTF_STEP_STORE, (const void *)w);
     return atomic_fetch_or_explicit(w, bits, memory_order_seq_cst);
 }
 static inline uint64_t fetch_and_acq_rel(shmtf_word *w, uint64_t bits) {
-    shmtf_step(SHMTF_STEP_STORE);
+    shmtf_step(SHMTF_STEP_STORE, (const void *)w);
     return atomic_fetch_and_explicit(w, bits, memory_order_acq_rel);
 }
 /* Raise a word to at least v. */
@@ -85,11 +85,11 @@ static inline void raise_to(shmtf_word *w, uint64_t v) {
     while (old < v && !cas_acq_rel(w, old, v)) old = load_acquire(w);
 }
 static inline uint32_t load32_relaxed(const shmtf_word32 *w) {
-    shmtf_step(SHMTF_STEP_LOAD);
+    shmtf_step(SHMTF_STEP_LOAD, (const void *)w);
     return atomic_load_explicit(w, memory_order_relaxed);
 }
 static inline void store32_relaxed(shmtf_word32 *w, uint32_t v) {
-    shmtf_step(SHMTF_STEP_STORE);
+    shmtf_step(SHMTF_STEP_STORE, (const void *)w);
     atomic_store_explicit(w, v, memory_order_relaxed);
 }
 static inline uint32_t load32_acquire(const shmtf_word32 *w) {

@@ -82,7 +82,7 @@ void peer_release(void *anchor) { map_release(anchor, ANCHOR_BYTES); }
 
 bool peer_alive(int fd, const map_file *file, unsigned slot) {
     map_file now;
-    if (byte_held(fd, SLOT_OFFSET + slot)) return true;
+    if (byte_held(fd, SLOT_OFFSET + slot)) return true; /* the kernel's answer is ordered before what follows [E10 seq_cst] */
     return map_stat(fd, &now) || now.dev != file->dev || now.ino != file->ino;
 }
 

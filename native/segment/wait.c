@@ -89,7 +89,7 @@ void bell_ring_armed(bell *b, const bell_set *touched) {
 void bell_arm(bell *b, const unsigned *buckets, unsigned n, uint32_t *seen) {
     for (unsigned i = 0; i < n; i++) {
         seen[i] = load32_acquire(&b->word[buckets[i]]);
-        fetch_or_seq_cst(&b->armed[buckets[i] / 64], 1ull << buckets[i] % 64); /* [E9] */
+        fetch_or_seq_cst(&b->armed[buckets[i] / 64], 1ull << buckets[i] % 64); /* [E9 seq_cst] */
     }
 }
 

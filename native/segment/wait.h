@@ -9,7 +9,7 @@
  * Protocol.  Frames are hashed into buckets, each with a futex word, and one bit in `armed`.
  *   waiter:  w = word;  set the bit (seq_cst);  look at a fresh commit (seq_cst);  nothing there: sleep while word == w
  *   writer:  commit (seq_cst);  bits = armed (seq_cst);  for those it touched: clear the bit, word + 1, wake all
- * The two seq_cst pairs cross [E9]: either the writer sees the bit or the waiter sees the commit.  A bit set before the
+ * The two seq_cst pairs cross (E9): either the writer sees the bit or the waiter sees the commit.  A bit set before the
  * writer clears it belongs to a waiter whose w is older than word + 1, so its sleep ends at once.
  *
  * A killed waiter leaves a bit: one wake too many.  A writer killed between clearing and waking leaves sleepers, which
@@ -50,7 +50,7 @@ void bell_ring_armed(bell *b, const bell_set *touched);
 /* After a commit that touched these buckets: wake whoever waits for them. */
 static inline void bell_ring(bell *b, const bell_set *touched) {
     for (int i = 0; i < BELL_WORDS; i++)
-        if (touched->bits[i] && (load_seq_cst(&b->armed[i]) & touched->bits[i])) return bell_ring_armed(b, touched); /* [E9] */
+        if (touched->bits[i] && (load_seq_cst(&b->armed[i]) & touched->bits[i])) return bell_ring_armed(b, touched); /* [E9 seq_cst] */
 }
 
 /* Announce interest in up to BELL_MAX_WAIT buckets; seen[i]: what bell_sleep needs. */
