@@ -2,28 +2,32 @@
  *
  * Frames, records, writers: what a store holds.
  */
+#include <errno.h>
 #include <stdlib.h>
 
 #include "api/store.h"
 #include "core/recover.h"
 
-enum { SNAPSHOT_TRIES = 1000 };
+enum { SNAPSHOT_TRIES = 1000, FIRST_ROOM = 512 };
 
-static uint64_t commit_for(shmtf_store *h, const shmtf_snapshot *snapshot) {
-    return snapshot ? snapshot->word : load_acquire(&h->s.global->commit); /* [E2 acquire] */
+/* A read at one commit, repeated at newer ones until it holds:
+ *     for (attempts at = {0}; take_commit(h, snapshot, rs, &at);) rs = read at at.commit; */
+typedef struct {
+    uint64_t commit;
+    int n;
+} attempts;
+
+static bool take_commit(shmtf_store *h, const shmtf_snapshot *snapshot, ring_status last, attempts *at) {
+    bool holds = last != RING_OLD && last != RING_AGAIN, hopeless = snapshot && last == RING_OLD;
+    if (at->n && (holds || hopeless || at->n == SNAPSHOT_TRIES)) return false;
+    at->n++;
+    at->commit = snapshot ? snapshot->word : load_acquire(&h->s.global->commit); /* [E2 acquire] */
+    return true;
 }
 
 static shmtf_status expired(shmtf_error *e) {
     return error_set(e, SHMTF_SNAPSHOT_EXPIRED, "the records of that commit were overwritten", "take a new snapshot");
 }
-
-/* A step at one commit, repeated at newer ones until it holds: RING_OLD means "again". */
-#define AT_STABLE_COMMIT(h, snapshot, commit, st, step)                                     \
-    for (int try_ = 0; try_ < SNAPSHOT_TRIES; try_++) {                                     \
-        commit = commit_for(h, snapshot);                                                   \
-        st = (step);                                                                        \
-        if ((st != RING_OLD && st != RING_AGAIN) || (snapshot && st == RING_OLD)) break;    \
-    }
 
 static shmtf_status from_ring(ring_status st, shmtf_store *h, const shmtf_ref *ref, shmtf_error *e) {
     if (st == RING_OK) return SHMTF_OK;
@@ -48,12 +52,11 @@ static shmtf_status begin(shmtf_store *h, const shmtf_ref *ref, name_key *key, s
 
 shmtf_status shmtf_resolve(shmtf_store *h, const shmtf_snapshot *snapshot, const char *name, shmtf_frame *frame, shmtf_error *error) {
     name_key key;
-    uint64_t commit;
     ring_status rs = RING_OLD;
     const shmtf_ref ref = {name, {0, 0}};
     shmtf_status st = begin(h, &ref, &key, error);
     if (st != SHMTF_OK) return st;
-    AT_STABLE_COMMIT(h, snapshot, commit, rs, names_find(&h->s, commit, &key, frame))
+    for (attempts at = {0}; take_commit(h, snapshot, rs, &at);) rs = names_find(&h->s, at.commit, &key, frame);
     return from_ring(rs, h, &ref, error);
 }
 
@@ -79,12 +82,11 @@ static ring_status list_frames(shmtf_store *h, uint64_t commit, shmtf_frame *out
 }
 
 shmtf_status shmtf_frames(shmtf_store *h, const shmtf_snapshot *snapshot, shmtf_frame *frames, size_t max, size_t *n, shmtf_error *error) {
-    uint64_t commit;
     ring_status rs = RING_OLD;
     error_clear(error);
     shmtf_status st = store_enter(h, error);
     if (st != SHMTF_OK) return st;
-    AT_STABLE_COMMIT(h, snapshot, commit, rs, list_frames(h, commit, frames, max, n))
+    for (attempts at = {0}; take_commit(h, snapshot, rs, &at);) rs = list_frames(h, at.commit, frames, max, n);
     return from_ring(rs, h, &(shmtf_ref){NULL, {0, 0}}, error);
 }
 
@@ -102,25 +104,19 @@ static ring_status list_records(shmtf_store *h, uint64_t commit, const shmtf_ref
     return RING_OK;
 }
 
-static size_t most_records(const shmtf_store *h, const shmtf_ref *ref) {
-    (void)ref;
-    return (size_t)1 << (h->s.geo.default_log2 < 8 ? 8 : h->s.geo.default_log2);
-}
-
 /* All of them, in memory to be freed. */
 static shmtf_status all_records(shmtf_store *h, const shmtf_snapshot *snapshot, const shmtf_ref *ref, shmtf_frame *frame,
                                 ring_record **out, size_t *n, size_t max, shmtf_error *e) {
     name_key key;
-    uint64_t commit;
     ring_status rs = RING_OLD;
     shmtf_status st = begin(h, ref, &key, e);
     if (st != SHMTF_OK) return st;
-    for (size_t room = most_records(h, ref); ; room *= 4) {
+    for (size_t room = FIRST_ROOM;; room *= 4) {
         if (room > max) room = max;
         ring_record *r = realloc(*out, room * sizeof **out);
-        if (!r) return error_system(e, SHMTF_SYSTEM, 12, "process memory", NULL);
+        if (!r) return error_system(e, SHMTF_SYSTEM, ENOMEM, "process memory", NULL);
         *out = r;
-        AT_STABLE_COMMIT(h, snapshot, commit, rs, list_records(h, commit, ref, &key, frame, r, room, n))
+        for (attempts at = {0}; take_commit(h, snapshot, rs, &at);) rs = list_records(h, at.commit, ref, &key, frame, r, room, n);
         if (rs != RING_OK || *n < room || room == max) return from_ring(rs, h, ref, e);
     }
 }
@@ -200,13 +196,12 @@ static ring_status parent_at(shmtf_store *h, uint64_t commit, const shmtf_ref *r
 shmtf_status shmtf_parent(shmtf_store *h, const shmtf_snapshot *snapshot, shmtf_ref frame, const int64_t *time_ns,
                           shmtf_frame *parent, shmtf_error *error) {
     name_key key;
-    uint64_t commit;
     ring_status rs = RING_OLD;
     lookup l;
     lookup_status why = LOOKUP_OK;
     shmtf_status st = begin(h, &frame, &key, error);
     if (st != SHMTF_OK) return st;
-    AT_STABLE_COMMIT(h, snapshot, commit, rs, parent_at(h, commit, &frame, &key, time_ns, &l, &why, parent))
+    for (attempts at = {0}; take_commit(h, snapshot, rs, &at);) rs = parent_at(h, at.commit, &frame, &key, time_ns, &l, &why, parent);
     if (rs != RING_OK || why == LOOKUP_OK) return from_ring(rs, h, &frame, error);
     const shmtf_ref above = {NULL, l.failed_parent};
     error_frame(error, h, &above, &frame);

@@ -110,16 +110,20 @@ static bool guess(const shmtf_store *h, const shmtf_ref *ref, shmtf_frame *frame
 
 /* Once, at one commit.  *again: take a newer one. */
 static shmtf_status look(shmtf_store *h, query *q, uint64_t snapshot, bool *again) {
-    lookup l = {.s = &h->s, .depth = h->depth, .above = h->above, .snapshot = snapshot, .at_time = q->mode == TIME_AT, .time = q->time};
+    lookup l; /* not zeroed: the walk sets what it reports */
+    l.s = &h->s;
+    l.depth = h->depth;
+    l.above = h->above;
+    l.snapshot = snapshot;
+    l.at_time = q->mode == TIME_AT;
+    l.time = q->time;
+    l.edges = q->result ? q->result->edges : NULL;
+    l.max_edges = l.edges ? q->result->max_edges : 0;
     *again = false;
-    q->bucket = BELL_SHAPE;
-    if (q->result) {
-        l.edges = q->result->edges;
-        l.max_edges = l.edges ? q->result->max_edges : 0;
-    }
     /* A walk that succeeds has seen that both frames exist at S; only if it fails, their names are looked up with care. */
     lookup_status got = guess(h, &q->target, &l.target) && guess(h, &q->source, &l.source) ? run_lookup(q, &l) : LOOKUP_NO_SOURCE;
     if (got != LOOKUP_OK && got != LOOKUP_OLD) {
+        q->bucket = BELL_SHAPE;
         shmtf_status st = store_find(h, snapshot, &q->target, &l.target, again, q->e);
         if (st == SHMTF_OK) st = store_find(h, snapshot, &q->source, &l.source, again, q->e);
         if (st != SHMTF_OK) return st;

@@ -152,7 +152,9 @@ shmtf_status store_enter_forked(shmtf_store *h, shmtf_error *e) {
 bell *store_bell(shmtf_store *h) {
     pthread_mutex_lock(&h->mutex);
     if (!h->bell_map && !h->bell_tried) {
-        h->bell_map = bell_open(h->uuid, &h->file);
+        map_file now = h->file;
+        map_stat(h->query_fd, &now); /* by now its name may be gone: then no new bell is made for it */
+        h->bell_map = bell_open(h->uuid, &now);
         h->bell_tried = true;
     }
     bell *b = h->bell_map;

@@ -20,15 +20,33 @@ static uint64_t hash_words(const uint64_t *word, unsigned n) {
     return hash_word(h, n);
 }
 
+/* The last, partial word of a name, without reading behind it or through memory just written. */
+static uint64_t tail_word(const char *name, size_t n) {
+    size_t rest = n % 8;
+    uint64_t w = 0;
+    if (!rest) return 0;
+    if (n >= 8) {
+        memcpy(&w, name + n - 8, 8);
+        return w >> (8 * (8 - rest));
+    }
+    for (size_t i = rest; i-- > 0;) w = w << 8 | (unsigned char)name[i];
+    return w;
+}
+
 const char *names_key(name_key *key, const char *name) {
     if (!name || !name[0]) return "a frame name is empty";
     if (name[0] == '/') return "a frame name starts with '/'";
     size_t n = strlen(name);
     if (n >= SHMTF_NAME_SIZE) return "a frame name is longer than 127 bytes";
-    key->n_words = (unsigned)(n / 8 + 1); /* the NUL included */
-    key->word[key->n_words - 1] = 0;
-    memcpy(key->word, name, n);
-    key->hash = hash_words(key->word, key->n_words);
+    unsigned full = (unsigned)(n / 8);
+    uint64_t h = full + 1;
+    for (unsigned i = 0; i < full; i++) {
+        memcpy(&key->word[i], name + 8 * i, 8);
+        h = hash_word(h, key->word[i]);
+    }
+    key->word[full] = tail_word(name, n); /* the NUL included */
+    key->n_words = full + 1;
+    key->hash = hash_word(hash_word(h, key->word[full]), key->n_words);
     return NULL;
 }
 

@@ -180,7 +180,7 @@ typedef struct {
     ring_record newest;        /* of the segment that is in force at S */
     ring_record before, after; /* before: last with stamp <= t.  after: of the first stamp > t, the last commit */
     bool has_before, has_after;
-    int64_t oldest_stamp;      /* of what can be read at S; valid with RING_OK */
+    int64_t oldest_stamp;      /* of what can still be read at S; set where t is not between two records */
 } ring_around_result;
 
 /* RING_OK: `newest` is set, and the neighbours that exist and have not expired.  Records more than `cache_time_ns`

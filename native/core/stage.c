@@ -274,12 +274,15 @@ stage_status stage_declare(stage *g, const char *name, unsigned ring_log2) {
     shmtf_frame_words_t *f = &x->s->frames[ref.frame.id];
     if (names_gen(x->s, ref.frame.id) != ref.frame.gen || (!born && names_frame_free(x->s, ref.frame.id))) return STAGE_RETRY;
     uint64_t ring = load_relaxed(&f->ring);
-    if (born && ring && ring_word_log2(ring) != ring_log2) store_relaxed(&f->ring, 0);
-    if (!born && ring && ring_word_log2(ring) != ring_log2) {
-        g->limit = shmtf_ring_live(ring_word_log2(ring));
-        return STAGE_DECLARED;
+    if (ring && ring_word_log2(ring) != ring_log2) {
+        if (!born) {
+            g->limit = shmtf_ring_live(ring_word_log2(ring));
+            return STAGE_DECLARED;
+        }
+        store_relaxed(&f->ring, 0); /* of an earlier life */
     }
     st = from_txn(txn_need_ring(x, e, ring_log2));
+    e->claimed = e->claimed && born; /* the ring is all that a root that exists already gets */
     if (st == STAGE_OK && born) st = from_txn(txn_put_mark(x, e, KIND_ROOT, 0, 0, g->arrival_ns, g->writer));
     return st;
 }

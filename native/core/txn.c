@@ -22,6 +22,8 @@ txn_status txn_begin(txn *x) {
     x->reshapes = false;
     x->snapshot = load_acquire(&s->global->commit); /* [E2 acquire] */
     x->topology = tree_topology_at(s, x->snapshot);
+    /* The word was loaded after S and may be about a later commit; what is checked at S would count as checked there. */
+    if (x->topology > commit_version(x->snapshot)) return TXN_RETRY;
     ring_status st = tree_clears_at(s, x->snapshot, &x->clears);
     return st == RING_OK ? TXN_OK : st == RING_CORRUPT ? TXN_CORRUPT : TXN_RETRY;
 }
@@ -89,7 +91,10 @@ static void forget(txn *x) {
 void txn_abort(txn *x) {
     for (size_t i = 0; i < x->n; i++) {
         const ring_writer *w = &x->entries[i].w;
-        cas_acq_rel(&x->s->frames[w->id].lock, w->lock, lock_released(w->lock)); /* [E5 release] */
+        shmtf_frame_words_t *f = &x->s->frames[w->id];
+        /* a write that was refused must not decide the size of a ring that is declared later */
+        if (x->entries[i].claimed && load_relaxed(&f->lock) == w->lock) store_relaxed(&f->ring, 0);
+        cas_acq_rel(&f->lock, w->lock, lock_released(w->lock)); /* [E5 release] */
         SHMTF_FAILPOINT("half-aborted");
     }
     forget(x);
@@ -170,6 +175,7 @@ txn_status txn_need_ring(txn *x, txn_entry *e, unsigned log2) {
     if (!ring) return TXN_FULL_ARENA;
     SHMTF_FAILPOINT("ring-claimed");
     store_release(&f->ring, ring);
+    e->claimed = true;
     SHMTF_FAILPOINT("ring-named");
     return TXN_OK;
 }

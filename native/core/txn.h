@@ -26,6 +26,7 @@ typedef struct {
     ring_writer w;
     bool born;    /* bound to its name by this transaction */
     bool reshapes; /* changes the tree's shape */
+    bool claimed;  /* its ring was claimed by this transaction */
 } txn_entry;
 
 /* What outlives a transaction: a writer slot, and memory for the work.  Used by one thread at a time. */

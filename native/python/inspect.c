@@ -4,6 +4,7 @@
  */
 #include "python/binding.h"
 
+#include <stdio.h>
 #include <string.h>
 
 /* A name from the segment, whatever its bytes. */
@@ -81,13 +82,15 @@ PyObject *py_reader_info(PyObject *self, PyObject *unused) {
     shmtf_error e;
     if (!h) return NULL;
     if (shmtf_get_info(h->store, &i, &e) != SHMTF_OK) return fail(self, h, &e);
+    char uuid[33];
+    snprintf(uuid, sizeof uuid, "%016llx%016llx", (unsigned long long)i.uuid[0], (unsigned long long)i.uuid[1]);
     return Py_BuildValue("{s:I,s:I,s:N,s:K,s:I,s:K,s:K,s:K,s:N,s:L,s:K,s:I,s:K,s:K,s:K,s:N}", "max_frames",
                          i.config.max_frames, "history", i.config.history, "cache_time_ns",
                          i.config.cache_time_ns < 0 ? Py_NewRef(Py_None) : PyLong_FromLongLong(i.config.cache_time_ns),
                          "stream_bytes", (unsigned long long)i.config.stream_bytes, "max_writers", i.config.max_writers,
                          "format", (unsigned long long)i.format, "size_bytes", (unsigned long long)i.size_bytes,
                          "fingerprint", (unsigned long long)i.fingerprint, "uuid",
-                         PyUnicode_FromFormat("%016llx%016llx", (unsigned long long)i.uuid[0], (unsigned long long)i.uuid[1]),
+                         text(uuid),
                          "created", (long long)i.created_ns, "version", (unsigned long long)i.version, "n_frames_bound",
                          i.n_frames_bound, "chunk_bytes", (unsigned long long)i.chunk_bytes, "n_chunks",
                          (unsigned long long)i.n_chunks, "n_chunks_free", (unsigned long long)i.n_chunks_free, "readonly",
