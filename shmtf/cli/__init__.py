@@ -27,6 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     lines = "\n".join(f"  {name:<7}{text}" for name, text in _COMMANDS.items())
     parser = argparse.ArgumentParser(
         prog="shmtf",
+        allow_abbrev=False,
         usage="shmtf [-h] [--version] COMMAND ...",
         description="A robot's transform tree in one POSIX shared-memory segment.",
         epilog=f"commands:\n{lines}\n\nshmtf COMMAND --help says more.",

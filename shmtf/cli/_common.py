@@ -90,14 +90,14 @@ def size(n_bytes: int) -> str:
 
 
 def span(seconds: float | None) -> str:
-    """A duration or age of any magnitude in few characters: 12 ms, 3.42 s, 2 min 5 s, 3 h 20 min."""
+    """A duration or age of any magnitude in few characters: 12.3 ms, 3.42 s, 2 min 5 s, 3 h 20 min."""
     if seconds is None:
         return ""
     sign, s = "-" if seconds < 0 else "", abs(seconds)
     if s < 0.9995e-3:
         return f"{sign}{s * 1e6:.0f} us"
     if s < 0.9995:
-        return f"{sign}{s * 1e3:.3g} ms" if s < 0.01 else f"{sign}{s * 1e3:.0f} ms"
+        return f"{sign}{s * 1e3:.1f} ms"
     if s < 120:
         return f"{sign}{s:.2f} s" if s < 10 else f"{sign}{s:.1f} s"
     minutes = int(s // 60)

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ._common import Style, crop, printable, rate, size, span, stamp, table
+from ._common import Style, crop, printable, rate, size, span, stamp, table, width
 from ._report import Flag, Frame, Report, Writer
 
 _MAX_DEAD = 8  # writers that are listed by name; the rest is counted
+_LEAST_TREE = 24  # columns
 _MAX_NAMES = 4  # frames, likewise
 
 
@@ -85,21 +86,18 @@ def tree(report: Report, style: Style, columns: int, rates: dict[str, float] | N
     """rates: records per second as seen by a watcher, instead of those of the kept records."""
     rows = [[style.dim(t) for t in ("frame", "kind", "rate", "age", "records", "last writer")]]
     notes = _stuck(report, style)
-    longest = max(24, columns - 62)
     for guide, frame in _walk(report):
         info = frame.info
-        hz = info.rate if rates is None else rates.get(info.name)
-        place = crop(style.dim(guide) + printable(info.name), longest)
-        kept = f"{info.n_records:,}/{info.capacity:,}" if frame.kind == "dynamic" else ""
-        who = printable(info.authority) if info.n_records else ""
-        rows.append([
-            place,
-            frame.kind,
-            rate(hz) if frame.kind == "dynamic" else "",
-            span(info.age) if frame.kind == "dynamic" else "",
-            kept,
-            who,
-        ])  # fmt: skip
+        place, who = style.dim(guide) + printable(info.name), printable(info.authority) if info.n_records else ""
+        if frame.kind == "dynamic":
+            hz = info.rate if rates is None else rates.get(info.name)
+            kept = f"{info.n_records:,}/{info.capacity:,}"
+            rows.append([place, frame.kind, rate(hz), span(info.age), kept, who])
+        else:
+            rows.append([place, frame.kind, "", "", "", who])
+    others = sum(2 + max(width(row[i]) for row in rows) for i in range(1, 6))
+    for row in rows:
+        row[0] = crop(row[0], max(_LEAST_TREE, columns - others))
     lines = header(report, style) + table(rows, "<<>>><")
     if not report.frames:
         lines.append("no frames yet")

@@ -23,6 +23,7 @@ _EXIT = """exit code:
 def run(prog: str, argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         prog=prog,
+        allow_abbrev=False,
         description="Look at every word of a store while it is in use.",
         epilog=_EXIT,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -33,7 +33,9 @@ def _interval(text: str) -> float:
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=prog, description="Show what a store holds. Maps it read-only.")
+    parser = argparse.ArgumentParser(
+        prog=prog, allow_abbrev=False, description="Show what a store holds. Maps it read-only."
+    )
     parser.add_argument("name", metavar="NAME", nargs="?", help="the store (default: $SHMTF_STORE, or the only one)")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--tree", dest="form", action="store_const", const="tree", help="frames as a tree (the default)")
@@ -85,8 +87,8 @@ def _render(report: Report, args: argparse.Namespace, style: Style, rates: dict[
         return _text.records_page(report, style)
     if args.frame:
         return _text.frame_page(report, style)
-    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 100
-    return _text.tree(report, style, max(columns, 80), rates)
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 1000  # files keep whole names
+    return _text.tree(report, style, columns, rates)
 
 
 # ---- watching ----

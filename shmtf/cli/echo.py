@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 def _parser(prog: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog=prog, description="Print the pose of frame SOURCE in frame TARGET: p_target = T * p_source."
+        prog=prog,
+        allow_abbrev=False,
+        description="Print the pose of frame SOURCE in frame TARGET: p_target = T * p_source.",
     )
     parser.add_argument("names", metavar="TARGET SOURCE", nargs="*", help="in this order, or as options:")
     parser.add_argument("--target", help="frame to express it in")

@@ -12,11 +12,13 @@ from typing import Any
 
 from ._common import Style, printable, size, span, table
 
-_MAX_HOLDERS = 4  # named in the table; the rest is counted
+_MAX_HOLDERS = 3  # named in the table; the rest is counted
 
 
 def run(prog: str, argv: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog=prog, description="List the stores of this machine, and who maps them.")
+    parser = argparse.ArgumentParser(
+        prog=prog, allow_abbrev=False, description="List the stores of this machine, and who maps them."
+    )
     parser.add_argument("--json", action="store_true", help="for programs")
     args = parser.parse_args(argv)
     stores = _stores()

@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from ._common import printable
+from ._common import CliError, printable
 
 _BELL = re.compile(r"\.shmtf-bell-([0-9a-f]{32})")
 _NEW_S = 10.0  # a bell younger than this may belong to a store that is just being made
@@ -19,6 +19,7 @@ _NEW_S = 10.0  # a bell younger than this may belong to a store that is just bei
 def run(prog: str, argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         prog=prog,
+        allow_abbrev=False,
         description="Remove stores by name. One that processes still map is removed only with --force; they keep it.",
     )
     parser.add_argument("names", metavar="NAME", nargs="*", help="a store")
@@ -81,9 +82,12 @@ def sweep() -> None:
     for store in list_stores():  # after the bells, so that every store of theirs is seen
         try:
             with Store.attach(store, readonly=True) as attached:
-                used.add(f".shmtf-bell-{attached._info()['uuid']}")
+                its_bell = f".shmtf-bell-{attached._info()['uuid']}"
         except StoreError:
             continue
+        if not _BELL.fullmatch(its_bell):
+            raise CliError(f'which bell is that of store "{printable(store)}" cannot be told; nothing was swept')
+        used.add(its_bell)
     orphans = [bell for bell in bells if bell.name not in used]
     for bell in orphans:
         try:

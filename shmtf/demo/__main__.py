@@ -52,6 +52,7 @@ class Live:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m shmtf.demo",
+        allow_abbrev=False,
         description="Sensors and planners, each a process, share one store; planners check every answer. "
         "Half-way one sensor is killed and one stopped.",
     )

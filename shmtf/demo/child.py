@@ -19,7 +19,7 @@ from .world import World
 
 def parser(role: str) -> argparse.ArgumentParser:
     """Arguments that say which store and which world."""
-    made = argparse.ArgumentParser(prog=f"python -m shmtf.demo.{role}")
+    made = argparse.ArgumentParser(prog=f"python -m shmtf.demo.{role}", allow_abbrev=False)
     made.add_argument("--store", required=True)
     add_world(made)
     made.add_argument("--start", type=int, default=0, help="stamp of the recordings' first reports, nanoseconds")

@@ -19,7 +19,7 @@ from .poses import distance
 from .world import Task
 
 _RATE = 100
-_REPORT_S = 0.5
+_REPORT_S = 1.0
 _PAST_NS = 500_000_000  # lookups at a time go so far behind the common time
 _PATIENCE_S = 60.0
 
@@ -176,6 +176,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _loop(planner: Planner, ending: list[int]) -> None:
     due = said = time.monotonic()
+    uneven = random.Random(1)
     i = 0
     while not ending:
         planner.tick(i)
@@ -189,7 +190,8 @@ def _loop(planner: Planner, ending: list[int]) -> None:
             child.report(seconds=now - said, window=planner.window.lookups, **{**window, **counts})
             planner.window = Stats()
             said = now
-        due = max(due + 1 / _RATE, now - 0.1)  # after a pause it does not catch up
+        # irregular, so that it does not keep in step with a sensor; after a pause it does not catch up
+        due = max(due + uneven.uniform(0.5, 1.5) / _RATE, now - 0.1)
         time.sleep(max(0.0, due - time.monotonic()))
 
 

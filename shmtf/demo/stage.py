@@ -121,7 +121,7 @@ class Stage:
             meanwhile = [
                 rate
                 for at, name, rate in self._samples
-                if name == view.name and self._away[0] + _TICK_S < at <= self._away[1]
+                if name == view.name and self._away[0] + 1.0 < at <= self._away[1] + _TICK_S
             ]
             out[view.name] = tuple(sum(rates) / len(rates) if rates else 0.0 for rates in (before, meanwhile))
         return out  # type: ignore[return-value]
