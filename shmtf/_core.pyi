@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
+import sys
 from collections.abc import Callable, Iterable
 from typing import Any, Self, SupportsFloat, SupportsIndex, TypeAlias
+
+from typing_extensions import disjoint_base
 
 from .transform import Transform as _Transform
 
@@ -9,6 +12,7 @@ __version__: str
 # int nanoseconds, or a time of rclpy, rospy, builtin_interfaces or numpy
 _Stamp: TypeAlias = SupportsIndex | Any
 
+@disjoint_base
 class Transform:
     def __new__(
         cls,
@@ -30,7 +34,9 @@ class Transform:
     def version(self) -> int | None: ...
     @property
     def edges(self) -> tuple[tuple[str, str, int | None], ...]: ...
-    def __buffer__(self, flags: int, /) -> memoryview: ...
+    if sys.version_info >= (3, 12):
+        def __buffer__(self, flags: int, /) -> memoryview: ...
+
     def _compose(self, other: Transform, /) -> Self: ...
     def _inverse(self) -> Self: ...
     def _values(self) -> tuple[float, float, float, float, float, float, float]: ...
@@ -48,6 +54,7 @@ class Transform:
         /,
     ) -> Self: ...
 
+@disjoint_base
 class Reader:
     @property
     def version(self) -> int: ...

@@ -25,8 +25,9 @@ def _yaml_quote(text: str) -> str:
 
 
 def _dot_quote(text: str) -> str:
-    """Inside a double-quoted DOT string: escapes of labels are given as \\n by the caller."""
-    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+    """Inside a double-quoted DOT string: control characters are shown, not sent to a terminal."""
+    shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+    return shown.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def _seconds(ns: int | None) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 import posix_ipc
 
-from . import _core
+from . import _core, _failures  # noqa: F401  _failures: what the core raises
 from ._detail import Detail
 from .errors import (
     InvalidArgumentException,

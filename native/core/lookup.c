@@ -277,7 +277,7 @@ static lookup_status finish(lookup *l, const chain *source, const chain *target)
         shmtf_pose T_target_top = pose_inverse(&target->pose);
         l->pose = source->n ? pose_compose(&T_target_top, &source->pose) : T_target_top;
     }
-    pose_renormalise(&l->pose);
+    if (l->n_edges > 1) pose_renormalise(&l->pose); /* one edge comes back as it was stored */
     return LOOKUP_OK;
 }
 

@@ -69,18 +69,18 @@ static PyObject *unlink_bell_fd(PyObject *module, PyObject *fd) {
 }
 
 static PyMethodDef functions[] = {
-    {"now", now, METH_NOARGS, PyDoc_STR("now()\n--\n\nThe time (CLOCK_REALTIME) in int nanoseconds.")},
-    {"stamp_ns", stamp_ns, METH_O, PyDoc_STR("stamp_ns(time)\n--\n\nAny accepted time as int nanoseconds.")},
-    {"check_frame_name", check_frame_name, METH_O, PyDoc_STR("check_frame_name(name)\n--\n\nThe name, or an exception.")},
+    {"now", now, METH_NOARGS, PyDoc_STR("now($module)\n--\n\nThe time (CLOCK_REALTIME) in int nanoseconds.")},
+    {"stamp_ns", stamp_ns, METH_O, PyDoc_STR("stamp_ns($module, time, /)\n--\n\nAny accepted time as int nanoseconds.")},
+    {"check_frame_name", check_frame_name, METH_O, PyDoc_STR("check_frame_name($module, name, /)\n--\n\nThe name, or an exception.")},
     {"format_fd", format_fd, METH_VARARGS,
-     PyDoc_STR("format_fd(fd, max_frames, history, cache_time_ns, stream_bytes, max_writers)\n--\n\n"
+     PyDoc_STR("format_fd($module, fd, max_frames, history, cache_time_ns, stream_bytes, max_writers, /)\n--\n\n"
                "Lay an empty store into an empty file on tmpfs.  cache_time_ns < 0: records never expire.")},
-    {"unlink_bell_fd", unlink_bell_fd, METH_O, PyDoc_STR("unlink_bell_fd(fd)\n--\n\nRemove the bell of the store open in fd.")},
-    {"set_transform_type", py_set_transform_type, METH_O, PyDoc_STR("set_transform_type(type)\n--\n\nThe class that lookups return.")},
+    {"unlink_bell_fd", unlink_bell_fd, METH_O, PyDoc_STR("unlink_bell_fd($module, fd, /)\n--\n\nRemove the bell of the store open in fd.")},
+    {"set_transform_type", py_set_transform_type, METH_O, PyDoc_STR("set_transform_type($module, type, /)\n--\n\nThe class that lookups return.")},
     {"set_error_factory", set_error_factory, METH_O,
-     PyDoc_STR("set_error_factory(factory)\n--\n\nfactory(status: str, fields: dict) makes the exceptions.")},
+     PyDoc_STR("set_error_factory($module, factory, /)\n--\n\nfactory(status: str, fields: dict) makes the exceptions.")},
     {"set_stamp_converter", set_stamp_converter, METH_O,
-     PyDoc_STR("set_stamp_converter(converter)\n--\n\nconverter(time, argument_name) gives int nanoseconds of other types.")},
+     PyDoc_STR("set_stamp_converter($module, converter, /)\n--\n\nconverter(time, argument_name) gives int nanoseconds of other types.")},
     {NULL, NULL, 0, NULL},
 };
 

@@ -113,7 +113,7 @@ static PyObject *transform_of(PyObject *self, query *q) {
 }
 
 PyDoc_STRVAR(lookup_doc,
-             "lookup_transform(target, source, time=None, timeout=0.0)\n--\n\n"
+             "lookup_transform($self, target, source, time=None, timeout=0.0)\n--\n\n"
              "T_target_source at `time`: p_target = T.apply(p_source).\n\n"
              "target, source: frame names.  time: int nanoseconds (or an rclpy, rospy or numpy time), interpolated; None\n"
              "is the newest time common to every edge of the path.  timeout: seconds to wait for the data, None for\n"
@@ -134,7 +134,7 @@ static PyObject *lookup_transform(PyObject *self, PyObject *const *args, Py_ssiz
 }
 
 PyDoc_STRVAR(latest_doc,
-             "lookup_latest_transform(target, source, timeout=0.0)\n--\n\n"
+             "lookup_latest_transform($self, target, source, timeout=0.0)\n--\n\n"
              "T_target_source from the newest record (greatest stamp) of every edge, all read at one commit.\n\n"
              "The result's stamp is the oldest one used.  Never extrapolates: raises LookupException,\n"
              "ConnectivityException, or either as a TimeoutException after `timeout` seconds (None: wait for ever).");
@@ -150,7 +150,7 @@ static PyObject *lookup_latest(PyObject *self, PyObject *const *args, Py_ssize_t
     return transform_of(self, &q);
 }
 
-PyDoc_STRVAR(can_doc, "can_transform(target, source, time=None, timeout=0.0)\n--\n\n"
+PyDoc_STRVAR(can_doc, "can_transform($self, target, source, time=None, timeout=0.0)\n--\n\n"
                       "Whether lookup_transform with these arguments would answer (bool).  Wrong arguments still raise.\n"
                       "explain() says why not.");
 
@@ -171,7 +171,7 @@ static PyObject *can_transform(PyObject *self, PyObject *const *args, Py_ssize_t
     return raise_answer(self, &q, &wait);
 }
 
-PyDoc_STRVAR(common_doc, "_latest_common_time(target, source)\n--\n\n"
+PyDoc_STRVAR(common_doc, "_latest_common_time($self, target, source)\n--\n\n"
                          "The newest time at which every edge between the two has data; None: any time, all are static.");
 
 static PyObject *latest_common_time(PyObject *self, PyObject *const *args, Py_ssize_t n_args, PyObject *kwnames) {
@@ -221,7 +221,7 @@ static shmtf_frame *all_frames(PyObject *self, py_handle *h, size_t *n) {
     return NULL;
 }
 
-PyDoc_STRVAR(frames_doc, "frames()\n--\n\nNames of all existing frames (list of str), in the order of their ids.");
+PyDoc_STRVAR(frames_doc, "frames($self)\n--\n\nNames of all existing frames (list of str), in the order of their ids.");
 
 static PyObject *list_frames(PyObject *self, PyObject *unused) {
     (void)unused;
@@ -239,7 +239,7 @@ static PyObject *list_frames(PyObject *self, PyObject *unused) {
     return list;
 }
 
-PyDoc_STRVAR(exists_doc, "frame_exists(name)\n--\n\nWhether a frame of that name exists (bool).");
+PyDoc_STRVAR(exists_doc, "frame_exists($self, name, /)\n--\n\nWhether a frame of that name exists (bool).");
 
 static PyObject *frame_exists(PyObject *self, PyObject *name) {
     py_handle *h = py_reader_open(self);
@@ -252,7 +252,7 @@ static PyObject *frame_exists(PyObject *self, PyObject *name) {
     return raise_about_frames(self, &error);
 }
 
-PyDoc_STRVAR(parent_doc, "parent(name, time=None)\n--\n\n"
+PyDoc_STRVAR(parent_doc, "parent($self, name, time=None)\n--\n\n"
                          "The frame's parent at `time` (None: newest) as str; None for a root.\n"
                          "Raises LookupException, ExtrapolationException.");
 
@@ -311,10 +311,10 @@ static PyMethodDef methods[] = {
     {"frames", list_frames, METH_NOARGS, frames_doc},
     {"frame_exists", frame_exists, METH_O, exists_doc},
     PY_METHOD("parent", parent_of, parent_doc),
-    {"_frame_info", py_reader_frame_info, METH_O, PyDoc_STR("_frame_info(name)\n--\n\nThe core's record of a frame (dict).")},
+    {"_frame_info", py_reader_frame_info, METH_O, PyDoc_STR("_frame_info($self, name, /)\n--\n\nThe core's record of a frame (dict).")},
     PY_METHOD("_records", py_reader_records,
-              PyDoc_STR("_records(frame, limit=65536)\n--\n\nReadable records, newest stamp first (list of dict).")),
-    {"_info", py_reader_info, METH_NOARGS, PyDoc_STR("_info()\n--\n\nCapacities and identity of the segment (dict).")},
+              PyDoc_STR("_records($self, frame, limit=65536)\n--\n\nReadable records, newest stamp first (list of dict).")),
+    {"_info", py_reader_info, METH_NOARGS, PyDoc_STR("_info($self)\n--\n\nCapacities and identity of the segment (dict).")},
     {NULL, NULL, 0, NULL},
 };
 

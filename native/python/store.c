@@ -121,7 +121,7 @@ static PyObject *wait_for_change(PyObject *self, PyObject *const *args, Py_ssize
 /* ---- types ---- */
 
 PyDoc_STRVAR(set_transform_doc,
-             "set_transform(transform, *, static=False, authority=None, timeout=1.0, priority=False)\n--\n\n"
+             "set_transform($self, transform, *, static=False, authority=None, timeout=1.0, priority=False)\n--\n\n"
              "Write one shmtf.Transform; a stamp of None becomes now.  Returns the commit's version (int).\n\n"
              "static: valid at every time, replaces what the frame held.  authority: who says so, for people.\n"
              "timeout: seconds to contend for a frame that another writer holds, None for ever.  priority: contending\n"
@@ -130,16 +130,16 @@ PyDoc_STRVAR(set_transform_doc,
              "ReadOnlyStoreError; then nothing was written.");
 
 PyDoc_STRVAR(set_transforms_doc,
-             "set_transforms(transforms, *, static=False, authority=None, timeout=1.0, priority=False)\n--\n\n"
+             "set_transforms($self, transforms, *, static=False, authority=None, timeout=1.0, priority=False)\n--\n\n"
              "Write an iterable of shmtf.Transform: all or none, visible at one instant.  Stamps of None become one\n"
              "common now.  Returns the commit's version (int).  Arguments and errors as for set_transform; the error's\n"
              "`item` is the index of the transform concerned.");
 
-PyDoc_STRVAR(remove_doc, "remove_frame(name, *, authority=None, timeout=1.0, priority=False)\n--\n\n"
+PyDoc_STRVAR(remove_doc, "remove_frame($self, name, *, authority=None, timeout=1.0, priority=False)\n--\n\n"
                          "End a frame; its name may be used anew.  Children stay, without a parent.\n"
                          "Raises LookupException, BusyError, ReadOnlyStoreError.");
 
-PyDoc_STRVAR(clear_doc, "clear(keep_static=True, *, authority=None, timeout=1.0, priority=False)\n--\n\n"
+PyDoc_STRVAR(clear_doc, "clear($self, keep_static=True, *, authority=None, timeout=1.0, priority=False)\n--\n\n"
                         "End all records, for every process at one instant; static ones too unless kept.  Names stay.\n"
                         "Raises BusyError, ReadOnlyStoreError.");
 
@@ -149,18 +149,18 @@ static PyMethodDef store_methods[] = {
     PY_METHOD("remove_frame", py_store_remove_frame, remove_doc),
     PY_METHOD("clear", py_store_clear, clear_doc),
     PY_METHOD("_declare_frame", py_store_declare_frame,
-              PyDoc_STR("_declare_frame(name, history, *, authority=None, timeout=1.0, priority=False)\n--\n\n")),
+              PyDoc_STR("_declare_frame($self, name, history, *, authority=None, timeout=1.0, priority=False)\n--\n\nhistory: records to keep at least.")),
     PY_METHOD("_wait_for_change", wait_for_change,
-              PyDoc_STR("_wait_for_change(frames, since, timeout)\n--\n\nframes: tuple of str; since: int or None.")),
+              PyDoc_STR("_wait_for_change($self, frames, since, timeout)\n--\n\nframes: tuple of str; since: int or None.")),
     {"counters", py_reader_counters, METH_NOARGS,
-     PyDoc_STR("counters()\n--\n\nWhat this store object did so far (dict of int): commits, aborts, helps, recoveries, rereads,\n"
+     PyDoc_STR("counters($self)\n--\n\nWhat this store object did so far (dict of int): commits, aborts, helps, recoveries, rereads,\n"
                "restarts, waits, late_dropped (accepted, but older than all that a full ring keeps), repeats (identical\n"
                "records, written once).")},
-    {"_writers", py_reader_writers, METH_NOARGS, PyDoc_STR("_writers()\n--\n\nWriter slots in use (list of dict).")},
-    {"_frame_words", py_reader_frame_words, METH_O, PyDoc_STR("_frame_words(frame)\n--\n\nThe frame's raw words (dict).")},
-    PY_METHOD("_check", py_store_check, PyDoc_STR("_check(repair=False)\n--\n\nLook at every word (dict).")),
+    {"_writers", py_reader_writers, METH_NOARGS, PyDoc_STR("_writers($self)\n--\n\nWriter slots in use (list of dict).")},
+    {"_frame_words", py_reader_frame_words, METH_O, PyDoc_STR("_frame_words($self, frame, /)\n--\n\nThe frame's raw words (dict).")},
+    PY_METHOD("_check", py_store_check, PyDoc_STR("_check($self, repair=False)\n--\n\nLook at every word (dict).")),
     {"close", store_close, METH_NOARGS,
-     PyDoc_STR("close()\n--\n\nUnmap the segment; every later use raises ClosedError, also in threads that wait.")},
+     PyDoc_STR("close($self)\n--\n\nUnmap the segment; every later use raises ClosedError, also in threads that wait.")},
     {NULL, NULL, 0, NULL},
 };
 
@@ -173,7 +173,7 @@ static PyType_Slot store_slots[] = {
 };
 
 static PyMethodDef snapshot_methods[] = {
-    {"close", snapshot_close, METH_NOARGS, PyDoc_STR("close()\n--\n\nEnd its use; it held nothing.")},
+    {"close", snapshot_close, METH_NOARGS, PyDoc_STR("close($self)\n--\n\nEnd its use; it held nothing.")},
     {NULL, NULL, 0, NULL},
 };
 

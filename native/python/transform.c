@@ -120,7 +120,7 @@ static py_transform *derived(const py_transform *from, PyObject *parent, PyObjec
 
 /* ---- methods ---- */
 
-PyDoc_STRVAR(compose_doc, "_compose(other)\n--\n\nT_a_c of self = T_a_b and other = T_b_c.  The frames are the caller's to check.");
+PyDoc_STRVAR(compose_doc, "_compose($self, other, /)\n--\n\nT_a_c of self = T_a_b and other = T_b_c.  The frames are the caller's to check.");
 
 static PyObject *transform_compose(PyObject *self, PyObject *other) {
     py_transform *a = (py_transform *)self, *b = (py_transform *)other;
@@ -162,7 +162,7 @@ static PyObject *transform_matrix_bytes(PyObject *self, PyObject *unused) {
     return PyBytes_FromStringAndSize((const char *)matrix, sizeof matrix);
 }
 
-PyDoc_STRVAR(restore_doc, "_restore(parent, child, stamp, values, stamp_range, version, edges)\n--\n\nWhat __reduce__ calls.");
+PyDoc_STRVAR(restore_doc, "_restore($cls, parent, child, stamp, values, stamp_range, version, edges, /)\n--\n\nWhat __reduce__ calls.");
 
 static PyObject *transform_restore(PyObject *cls, PyObject *args) {
     PyObject *parent, *child, *stamp, *range, *edges;
@@ -262,9 +262,9 @@ static int transform_buffer(PyObject *self, Py_buffer *view, int flags) {
 
 static PyMethodDef methods[] = {
     {"_compose", transform_compose, METH_O, compose_doc},
-    {"_inverse", transform_inverse, METH_NOARGS, PyDoc_STR("_inverse()\n--\n\nT_child_parent.")},
-    {"_values", transform_values, METH_NOARGS, PyDoc_STR("_values()\n--\n\n(x, y, z, qx, qy, qz, qw).")},
-    {"_matrix_bytes", transform_matrix_bytes, METH_NOARGS, PyDoc_STR("_matrix_bytes()\n--\n\n16 doubles, row by row.")},
+    {"_inverse", transform_inverse, METH_NOARGS, PyDoc_STR("_inverse($self)\n--\n\nT_child_parent.")},
+    {"_values", transform_values, METH_NOARGS, PyDoc_STR("_values($self)\n--\n\n(x, y, z, qx, qy, qz, qw).")},
+    {"_matrix_bytes", transform_matrix_bytes, METH_NOARGS, PyDoc_STR("_matrix_bytes($self)\n--\n\n16 doubles, row by row.")},
     {"_restore", transform_restore, METH_VARARGS | METH_CLASS, restore_doc},
     {NULL, NULL, 0, NULL},
 };
