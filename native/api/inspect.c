@@ -209,7 +209,7 @@ shmtf_status shmtf_parent(shmtf_store *h, const shmtf_snapshot *snapshot, shmtf_
         error->requested_ns = l.time;
         error->oldest_ns = l.edge_oldest;
         error->newest_ns = l.edge_newest;
-        error->has_times = 3;
+        error->has_times = 7;
     }
     return error_set(error, why == LOOKUP_SINGLE ? SHMTF_NO_DATA : why == LOOKUP_FORWARD ? SHMTF_FORWARD : SHMTF_BACKWARD, "edge", NULL);
 }

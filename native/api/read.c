@@ -53,7 +53,7 @@ static shmtf_status fail_edge(shmtf_store *h, query *q, const lookup *l, shmtf_s
         q->e->requested_ns = l->time;
         q->e->oldest_ns = l->edge_oldest;
         q->e->newest_ns = l->edge_newest;
-        q->e->has_times = 3;
+        q->e->has_times = 7;
     }
     error_frame(q->e, h, &parent, &child);
     return error_set(q->e, st, "edge", NULL);

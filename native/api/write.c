@@ -47,6 +47,13 @@ static bool still_blocked(const shmtf_store *h, const txn *x) {
 
 typedef enum { GO_ON, GIVE_UP, BACK_OFF, SIGNALLED } verdict;
 
+/* Children are locked in id order, but a birth takes any free frame: that must not wait below what is held. */
+static bool waits_upwards(const txn *x) {
+    for (size_t i = 0; i < x->n; i++)
+        if (x->entries[i].w.id >= x->blocked_id) return false;
+    return true;
+}
+
 /* A frame is held: spin, see whether its holder lives, recover what the dead left, or wait if we push. */
 static verdict negotiate(shmtf_store *h, write_context *c, const write_job *j) {
     txn *x = &c->x;
@@ -61,7 +68,7 @@ static verdict negotiate(shmtf_store *h, write_context *c, const write_job *j) {
         x->recoveries++;
         return GO_ON;
     }
-    if (!x->pushing || x->n_staged || clock_monotonic_ns() >= j->deadline) return BACK_OFF;
+    if (!x->pushing || x->n_staged || !waits_upwards(x) || clock_monotonic_ns() >= j->deadline) return BACK_OFF;
     txn_want(x, x->blocked_id);
     int err = clock_sleep_ns(PUSH_SLEEP_NS);
     return err == EINTR ? SIGNALLED : GO_ON;
@@ -130,7 +137,7 @@ static shmtf_status refuse_times(write_job *j, const shmtf_transform *t) {
     if (error_open(j->e)) {
         j->e->requested_ns = t->stamp_ns;
         j->e->newest_ns = j->g.newest;
-        j->e->has_times = 1;
+        j->e->has_times = 5;
     }
     return error_set(j->e, SHMTF_OLD_DATA, "stamp", "a larger cache_time keeps older data; clear() after a jump back in time");
 }

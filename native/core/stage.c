@@ -71,9 +71,18 @@ static stage_status find(const txn *x, shmtf_ref *ref) {
     return st == RING_NONE ? STAGE_OK : from_ring(st);
 }
 
-/* A handle turned out to be of an ended life: look the name up again, in a new transaction. */
-static stage_status stale(shmtf_ref *ref) {
-    if (!ref->name) return STAGE_GONE;
+static void forget_ended(shmtf_ref *ref, shmtf_frame ended) {
+    if (ref->name && ref->frame.id == ended.id && ref->frame.gen == ended.gen) ref->frame = (shmtf_frame){0, 0};
+}
+
+/* A handle turned out to be of an ended life: look the name up again, in a new transaction, wherever it stands. */
+static stage_status stale(stage *g, shmtf_ref *ref) {
+    const shmtf_frame ended = ref->frame;
+    if (!ref->name) return STAGE_GONE; /* the caller's handle stays as it is */
+    for (size_t i = 0; i < g->n; i++) {
+        forget_ended(&g->items[i].child, ended);
+        forget_ended(&g->items[i].parent, ended);
+    }
     ref->frame = (shmtf_frame){0, 0};
     return STAGE_RETRY;
 }
@@ -143,12 +152,12 @@ static stage_status check_parent(stage *g, shmtf_transform *t, bool same_edge) {
     local_hint64 *checked = &x->checked[t->child.frame.id];
     if (same_edge && hint64_get(checked) == x->topology + 1) return STAGE_OK;
     txn_entry *e = txn_entry_for(x, t->parent.frame.id);
-    if (e && e->born) return names_gen(x->s, e->w.id) == t->parent.frame.gen ? STAGE_OK : stale(&t->parent);
+    if (e && e->born) return names_gen(x->s, e->w.id) == t->parent.frame.gen ? STAGE_OK : stale(g, &t->parent);
     ring_record r;
     switch (tree_step_latest(x->s, x->snapshot, &x->clears, t->parent.frame, &r)) {
     case STEP_OLD: return STAGE_RETRY;
     case STEP_CORRUPT: return STAGE_CORRUPT;
-    case STEP_GONE: return stale(&t->parent);
+    case STEP_GONE: return stale(g, &t->parent);
     default: break;
     }
     if (same_edge) hint64_set(checked, x->topology + 1);
@@ -195,14 +204,14 @@ static stage_status stage_one(stage *g, shmtf_transform *t) {
     txn *x = g->x;
     ring_record newest;
     txn_entry *e = txn_entry_for(x, t->child.frame.id);
-    if (!e || names_gen(x->s, t->child.frame.id) != t->child.frame.gen) return stale(&t->child);
+    if (!e || names_gen(x->s, t->child.frame.id) != t->child.frame.gen) return stale(g, &t->child);
     if (!(t->flags & SHMTF_STATIC) && hint64_get(&x->checked[t->child.frame.id]) == x->topology + 1 && !e->reshapes &&
         ring_append_locked(x->s, &e->w, x->clears.dynamic_upto, t->stamp_ns, g->arrival_ns, parent_make(t->parent.frame), &t->pose, g->writer))
         return x->n_staged++, STAGE_OK;
     if (t->child.frame.id == t->parent.frame.id) return STAGE_SELF;
     ring_newest_locked(x->s, &e->w, &newest);
     record_kind kind = info_kind(newest.info);
-    if (!e->born && (kind == KIND_NONE || kind == KIND_REMOVED)) return stale(&t->child);
+    if (!e->born && (kind == KIND_NONE || kind == KIND_REMOVED)) return stale(g, &t->child);
     bool counts = newest.position && tree_record_counts(&x->clears, &newest) && kind != KIND_REMOVED;
     bool same_edge = counts && newest.parent == parent_make(t->parent.frame);
     stage_status st = check_parent(g, t, same_edge);
@@ -296,7 +305,7 @@ stage_status stage_remove(stage *g, shmtf_ref *ref) {
     if (!ref->frame.gen) return STAGE_GONE;
     st = from_txn(txn_lock_try(x, ref->frame.id, &e));
     if (st != STAGE_OK) return st;
-    if (names_gen(x->s, ref->frame.id) != ref->frame.gen || names_frame_free(x->s, ref->frame.id)) return stale(ref);
+    if (names_gen(x->s, ref->frame.id) != ref->frame.gen || names_frame_free(x->s, ref->frame.id)) return stale(g, ref);
     return from_txn(txn_put_mark(x, e, KIND_REMOVED, 0, 0, g->arrival_ns, g->writer));
 }
 

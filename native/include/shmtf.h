@@ -76,7 +76,7 @@ typedef struct shmtf_error {
     const char *hint;                   /* static text: what would help, or NULL */
     char parent[SHMTF_NAME_SIZE];       /* the failing edge, or "" */
     char child[SHMTF_NAME_SIZE];        /* the failing edge or frame, or "" */
-    int has_times;                      /* bit 0: requested, bit 1: oldest and newest are set */
+    int has_times;                      /* bit 0: requested, bit 1: oldest, bit 2: newest is set */
     int64_t requested_ns, oldest_ns, newest_ns;
     double value;                       /* the offending number, with INVALID_ARGUMENT */
     uint64_t limit, needed;             /* with FULL: the capacity and what was asked of it */

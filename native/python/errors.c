@@ -76,12 +76,8 @@ PyObject *py_raise_error(module_state *m, const shmtf_error *e, const py_context
     fields = put_text(fields, "what", e->what);
     fields = put_text(fields, "hint", e->hint);
     if (e->has_times & 1) fields = put(fields, "requested", PyLong_FromLongLong(e->requested_ns));
-    if (e->has_times & 2) {
-        fields = put(fields, "oldest", PyLong_FromLongLong(e->oldest_ns));
-        fields = put(fields, "newest", PyLong_FromLongLong(e->newest_ns));
-    } else if (e->status == SHMTF_OLD_DATA) { /* has no oldest */
-        fields = put(fields, "newest", PyLong_FromLongLong(e->newest_ns));
-    }
+    if (e->has_times & 2) fields = put(fields, "oldest", PyLong_FromLongLong(e->oldest_ns));
+    if (e->has_times & 4) fields = put(fields, "newest", PyLong_FromLongLong(e->newest_ns));
     if (e->status == SHMTF_INVALID_ARGUMENT && e->value != 0) fields = put(fields, "value", PyFloat_FromDouble(e->value));
     if (e->limit || e->needed) {
         fields = put(fields, "limit", PyLong_FromUnsignedLongLong(e->limit));

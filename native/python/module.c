@@ -37,10 +37,6 @@ static PyObject *stamp_ns(PyObject *module, PyObject *time) {
     return py_stamp(PyModule_GetState(module), time, "time", &ns) ? PyLong_FromLongLong(ns) : NULL;
 }
 
-static PyObject *check_frame_name(PyObject *module, PyObject *name) {
-    return py_frame_name(PyModule_GetState(module), name, "frame") ? Py_NewRef(name) : NULL;
-}
-
 static PyObject *format_fd(PyObject *module, PyObject *args) {
     int fd;
     long long cache_time_ns;
@@ -71,7 +67,6 @@ static PyObject *unlink_bell_fd(PyObject *module, PyObject *fd) {
 static PyMethodDef functions[] = {
     {"now", now, METH_NOARGS, PyDoc_STR("now($module)\n--\n\nThe time (CLOCK_REALTIME) in int nanoseconds.")},
     {"stamp_ns", stamp_ns, METH_O, PyDoc_STR("stamp_ns($module, time, /)\n--\n\nAny accepted time as int nanoseconds.")},
-    {"check_frame_name", check_frame_name, METH_O, PyDoc_STR("check_frame_name($module, name, /)\n--\n\nThe name, or an exception.")},
     {"format_fd", format_fd, METH_VARARGS,
      PyDoc_STR("format_fd($module, fd, max_frames, history, cache_time_ns, stream_bytes, max_writers, /)\n--\n\n"
                "Lay an empty store into an empty file on tmpfs.  cache_time_ns < 0: records never expire.")},

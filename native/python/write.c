@@ -27,31 +27,13 @@ typedef struct write_call {
     shmtf_error error;
 } write_call;
 
-static bool forget_handles(write_call *w) {
-    bool changed = false;
-    for (size_t i = 0; i < w->n; i++) {
-        shmtf_transform *t = &w->items[i];
-        changed |= t->parent.frame.gen || t->child.frame.gen;
-        t->parent.frame = t->child.frame = (shmtf_frame){0, 0};
-    }
-    return changed;
-}
-
-static shmtf_status set_by_handle_or_name(write_call *w) {
-    shmtf_store *store = w->handle->store;
-    shmtf_status status = shmtf_set_transforms(store, w->items, w->n, &w->options, &w->version, &w->error);
-    if ((status == SHMTF_LOOKUP || status == SHMTF_CONFLICT) && forget_handles(w)) /* a name may be another frame's by now */
-        status = shmtf_set_transforms(store, w->items, w->n, &w->options, &w->version, &w->error);
-    return status;
-}
-
 static shmtf_status perform(void *argument, int64_t timeout_ns) {
     write_call *w = argument;
     shmtf_store *store = w->handle->store;
     w->options.timeout_ns = timeout_ns;
     switch (w->kind) {
     case SET:
-        return set_by_handle_or_name(w);
+        return shmtf_set_transforms(store, w->items, w->n, &w->options, &w->version, &w->error);
     case DECLARE:
         return shmtf_declare_frame(store, w->name, w->history, &w->options, &w->error);
     case REMOVE:
