@@ -256,7 +256,7 @@ def test_stamps_that_are_no_time(time: object) -> None:
 
 
 @pytest.mark.parametrize(
-    "time", [2**63, -(2**63) - 1, np.datetime64("NaT"), np.datetime64("3000-01-01"), np.uint64(2**63)]
+    "time", [2**63, -(2**63) - 1, np.datetime64("NaT", "ns"), np.datetime64("3000-01-01"), np.uint64(2**63)]
 )
 def test_stamps_beyond_int64(time: object) -> None:
     with pytest.raises(shmtf.InvalidArgumentException, match="int64 nanoseconds"):

@@ -1,0 +1,172 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "python/bench_python.h"
+
+#include <string.h>
+
+#include "line.h"
+#include "micro.h"
+#include "protocol.h"
+
+#if defined(__clang__)
+#define COMPILER __VERSION__
+#else
+#define COMPILER "gcc " __VERSION__
+#endif
+
+static PyObject *nothing(PyObject *module, PyObject *const *args, Py_ssize_t n) {
+    (void)module;
+    if (n != 2 || !PyUnicode_AsUTF8AndSize(args[0], NULL) || !PyUnicode_AsUTF8AndSize(args[1], NULL))
+        return PyErr_Format(PyExc_TypeError, "nothing(str, str)");
+    return Py_NewRef(Py_None);
+}
+
+static PyObject *micro(PyObject *module, PyObject *args) {
+    micro_options o;
+    micro_row rows[MICRO_MAX_ROWS];
+    shmtf_error e;
+    shmtf_status st;
+    char message[512];
+    size_t n;
+    long long round_ns;
+    (void)module;
+    memset(&o, 0, sizeof o);
+    if (!PyArg_ParseTuple(args, "IIiLi:micro", &o.n_frames, &o.history, &o.rounds, &round_ns, &o.cpu)) return NULL;
+    o.round_ns = round_ns;
+    if (o.n_frames < MICRO_MIN_FRAMES || !o.history || o.rounds < 1 || o.rounds > MICRO_MAX_ROUNDS || round_ns < 1)
+        return PyErr_Format(PyExc_ValueError, "at least %d frames, 1 record, 1 to %d rounds", MICRO_MIN_FRAMES, MICRO_MAX_ROUNDS);
+    Py_BEGIN_ALLOW_THREADS
+    st = micro_run(&o, rows, &n, &e);
+    bench_unpin();
+    Py_END_ALLOW_THREADS
+    if (st == SHMTF_FULL) return Py_NewRef(Py_None);
+    if (st != SHMTF_OK) return PyErr_Format(PyExc_RuntimeError, "%s", shmtf_error_message(&e, message, sizeof message));
+    PyObject *list = PyList_New(0);
+    for (size_t i = 0; list && i < n; i++) {
+        const micro_row *r = &rows[i];
+        PyObject *row = Py_BuildValue("(sszdddd)", r->name, r->what, r->floor, r->ns.median, r->ns.min, r->ns.max, r->ratio);
+        if (!row || PyList_Append(list, row) < 0) Py_CLEAR(list);
+        Py_XDECREF(row);
+    }
+    return list;
+}
+
+static PyObject *protocols(PyObject *module, PyObject *unused) {
+    (void)module;
+    (void)unused;
+    PyObject *dict = PyDict_New();
+    const bench_protocol *p;
+    for (size_t i = 0; dict && (p = bench_protocol_at(i)); i++) {
+        PyObject *what = PyUnicode_FromString(p->what);
+        if (!what || PyDict_SetItemString(dict, p->name, what) < 0) Py_CLEAR(dict);
+        Py_XDECREF(what);
+    }
+    return dict;
+}
+
+static const bench_protocol *protocol_named(const char *name) {
+    const bench_protocol *p = bench_protocol_find(name);
+    if (!p) PyErr_Format(PyExc_ValueError, "no such protocol: %s", name);
+    return p;
+}
+
+static PyObject *create(PyObject *module, PyObject *args) {
+    const char *name, *wish;
+    char place[BENCH_PLACE_SIZE], error[BENCH_ERROR_SIZE] = "";
+    bench_shape shape = {.by_name = true};
+    bool ok;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "ssIIII:create", &name, &wish, &shape.n_frames, &shape.history, &shape.read_len, &shape.write_len))
+        return NULL;
+    const bench_protocol *p = protocol_named(name);
+    if (!p) return NULL;
+    snprintf(place, sizeof place, "%s", wish);
+    Py_BEGIN_ALLOW_THREADS
+    ok = p->create(place, &shape, error);
+    Py_END_ALLOW_THREADS
+    return ok ? PyUnicode_FromString(place) : PyErr_Format(PyExc_RuntimeError, "%s: %s", name, error);
+}
+
+static PyObject *remove_place(PyObject *module, PyObject *args) {
+    const char *name, *place;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "ss:remove", &name, &place)) return NULL;
+    const bench_protocol *p = protocol_named(name);
+    if (!p) return NULL;
+    p->remove(place);
+    return Py_NewRef(Py_None);
+}
+
+static PyObject *round_trip(PyObject *module, PyObject *args) {
+    int a, b;
+    double ns;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "ii:round_trip", &a, &b)) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    ns = bench_line_round_trip(a, b);
+    Py_END_ALLOW_THREADS
+    return ns < 0 ? Py_NewRef(Py_None) : PyFloat_FromDouble(ns);
+}
+
+static PyObject *cpus(PyObject *module, PyObject *unused) {
+    (void)module;
+    (void)unused;
+    PyObject *list = PyList_New(0);
+    for (int i = 0, cpu; list && (cpu = bench_cpu_allowed(i)) >= 0; i++) {
+        PyObject *number = PyLong_FromLong(cpu);
+        if (!number || PyList_Append(list, number) < 0) Py_CLEAR(list);
+        Py_XDECREF(number);
+    }
+    return list;
+}
+
+static PyObject *pin(PyObject *module, PyObject *number) {
+    long cpu = PyLong_AsLong(number);
+    (void)module;
+    if (cpu == -1 && PyErr_Occurred()) return NULL;
+    if (cpu < 0) bench_unpin();
+    return PyBool_FromLong(cpu >= 0 && bench_pin((int)cpu) >= 0);
+}
+
+static PyMethodDef functions[] = {
+    {"nothing", (PyCFunction)(void (*)(void))nothing, METH_FASTCALL,
+     PyDoc_STR("nothing(a, b)\n--\n\nTakes two names and does nothing: the floor of every call from Python.")},
+    {"micro", micro, METH_VARARGS,
+     PyDoc_STR("micro(frames, history, rounds, round_ns, cpu)\n--\n\n"
+               "[(name, what, floor, median_ns, min_ns, max_ns, ratio)]; None: shared memory is too small for it.")},
+    {"protocols", protocols, METH_NOARGS, PyDoc_STR("protocols()\n--\n\n{name: what it is}")},
+    {"create", create, METH_VARARGS,
+     PyDoc_STR("create(protocol, name, frames, history, read_len, write_len)\n--\n\n"
+               "Make a protocol's shared memory; returns what workers attach to.")},
+    {"remove", remove_place, METH_VARARGS, PyDoc_STR("remove(protocol, place)\n--\n\nRemove its name; who is attached stays attached.")},
+    {"round_trip", round_trip, METH_VARARGS,
+     PyDoc_STR("round_trip(cpu_a, cpu_b)\n--\n\nns for a cache line from one CPU to another and back, or None.")},
+    {"cpus", cpus, METH_NOARGS, PyDoc_STR("cpus()\n--\n\nThe CPUs that this process was given.")},
+    {"pin", pin, METH_O, PyDoc_STR("pin(cpu)\n--\n\nBind the calling thread to a CPU; negative: to all it was given.")},
+    {NULL, NULL, 0, NULL},
+};
+
+static int execute(PyObject *module) {
+    PyObject *control = bench_control_type_new(module);
+    if (!control) return -1;
+    int failed = PyModule_AddObjectRef(module, "Control", control);
+    Py_DECREF(control);
+    if (failed || PyModule_AddStringConstant(module, "COMPILER", COMPILER) < 0) return -1;
+    return PyModule_AddStringConstant(module, "LIBRARY", shmtf_version());
+}
+
+static PyModuleDef_Slot slots[] = {
+    {Py_mod_exec, execute},
+    {0, NULL},
+};
+
+static struct PyModuleDef definition = {
+    .m_base = PyModuleDef_HEAD_INIT,
+    .m_name = "shmtf._bench",
+    .m_doc = "The benchmarks' C loops.  Private: use shmtf-bench.",
+    .m_size = 0,
+    .m_methods = functions,
+    .m_slots = slots,
+};
+
+PyMODINIT_FUNC PyInit__bench(void);
+PyMODINIT_FUNC PyInit__bench(void) { return PyModuleDef_Init(&definition); }

@@ -1,0 +1,118 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#define _GNU_SOURCE
+#include "worker.h"
+
+#include <signal.h>
+#include <stdlib.h>
+#include <sys/prctl.h>
+#include <unistd.h>
+
+typedef struct {
+    bench_control *control;
+    bench_worker *w;
+    const bench_job *job;
+    bench_phase phase;
+    const bench_protocol *protocol;
+    bench_client *client;
+    uint32_t index;
+    bench_random random;
+    int64_t *stamps;
+    uint64_t retries0, cpu0;
+    bool measuring;
+    uint32_t until_check;
+} worker;
+
+static void sleep_until(int64_t ns) {
+    struct timespec t = {ns / 1000000000, ns % 1000000000};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL)) {}
+}
+
+static void begin_to_measure(worker *k) {
+    k->measuring = true;
+    k->cpu0 = (uint64_t)bench_clock_ns(CLOCK_THREAD_CPUTIME_ID);
+    k->retries0 = k->protocol->retries(k->client);
+}
+
+static bool read_once(worker *k, uint32_t first, bool check, char *error) {
+    return k->protocol->read(k->client, first, check ? k->stamps : NULL, error);
+}
+
+/* One operation, begun at begin_ns.  Returns when it ended. */
+static int64_t operate(worker *k, int64_t begin_ns) {
+    const bench_shape *shape = &k->job->shape;
+    char error[BENCH_ERROR_SIZE] = "";
+    bool reads = bench_next_is_read(&k->phase, k->index, &k->random), ok, check = false;
+    uint32_t first = bench_random_below(&k->random, shape->n_frames - (reads ? shape->read_len : shape->write_len));
+    if (reads) {
+        check = k->job->check_every && k->until_check-- == 0;
+        if (check) k->until_check = k->job->check_every - 1;
+        ok = read_once(k, first, check, error);
+    } else {
+        ok = k->protocol->write(k->client, first, bench_update_stamp(shape, first, begin_ns), k->job->opposite, error);
+    }
+    int64_t now = bench_now_ns();
+    if (!ok) bench_worker_fail(k->w, error);
+    if (!ok || !k->measuring || now >= k->phase.end_ns) return now;
+    reads ? k->w->reads++ : k->w->writes++;
+    bench_histogram_record(reads ? &k->w->read_ns : &k->w->write_ns, now - begin_ns);
+    if (!check) return now;
+    bench_worker_check(k->w, shape, first, k->stamps, now, k->job->fill_ns);
+    return bench_now_ns();
+}
+
+static void run_phase(worker *k) {
+    int64_t period = k->job->frequency > 0 ? (int64_t)(1e9 / k->job->frequency) : 0;
+    bench_worker_begin(k->control, k->index);
+    k->protocol = k->job->protocols[k->phase.protocol];
+    k->random.state = (k->phase.seed + k->index) * 0x9e3779b97f4a7c15ull | 1;
+    k->measuring = false;
+    k->until_check = 0;
+    if (k->phase.pinned) bench_pin(bench_cpu_allowed((int)k->index));
+    else bench_unpin();
+    sleep_until(k->phase.start_ns);
+    int64_t now = bench_now_ns();
+    while (now < k->phase.end_ns && !load32_relaxed(&k->control->stop)) {
+        if (!k->measuring && now >= k->phase.measure_ns) begin_to_measure(k);
+        now = operate(k, now);
+        if (!period) continue;
+        sleep_until(now + period);
+        now = bench_now_ns();
+    }
+    uint64_t cpu = k->measuring ? (uint64_t)bench_clock_ns(CLOCK_THREAD_CPUTIME_ID) - k->cpu0 : 0;
+    bench_worker_end(k->control, k->index, k->measuring ? k->protocol->retries(k->client) - k->retries0 : 0, cpu);
+}
+
+static bool attach_all(const bench_job *job, bench_client **clients, bench_worker *w) {
+    for (uint32_t i = 0; i < job->n_protocols; i++) {
+        clients[i] = job->protocols[i]->attach(job->places[i], &job->shape, w->error);
+        /* The first write claims what a writer needs, and opens it by name. */
+        if (!clients[i] || !job->protocols[i]->write(clients[i], 0, bench_now_ns(), false, w->error)) return false;
+    }
+    return true;
+}
+
+bool bench_work(bench_control *c, uint32_t index, const bench_job *job) {
+    bench_client *clients[BENCH_MAX_PROTOCOLS] = {NULL};
+    worker k = {.control = c, .w = &c->worker[index], .job = job, .index = index};
+    k.stamps = calloc(job->shape.read_len, sizeof *k.stamps);
+    bool ok = k.stamps && attach_all(job, clients, k.w);
+    bench_worker_enter(k.w, ok);
+    int64_t number = 0, next;
+    while (ok && (next = bench_control_next(c, (uint32_t)number)) >= 0) {
+        if (!next) continue;
+        number = next;
+        k.phase = c->phase;
+        if (index >= k.phase.n_active) continue;
+        k.client = clients[k.phase.protocol];
+        run_phase(&k);
+    }
+    for (uint32_t i = 0; i < job->n_protocols; i++)
+        if (clients[i]) job->protocols[i]->detach(clients[i]);
+    free(k.stamps);
+    return ok;
+}
+
+void bench_die_with(int parent) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (getppid() != parent) _exit(1); /* it was gone already */
+}

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`shmtf-bench ycsb`: the workloads of the thesis (chapter 5), with processes instead of threads."""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+from typing import Any
+
+from . import BenchError
+from ._arguments import counts, not_negative, positive, ratio, words
+from ._report import check_writable, duration, progress, quantity, share, spread, table, write_json
+
+_WORKLOADS = {"A": 0.5, "B": 0.95, "C": 1.0}
+_LATENCY = ("mean", "p50", "p99", "p99_9", "max")
+
+
+def _protocols() -> list[str]:
+    from .. import _bench
+
+    return list(_bench.protocols())
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--workload", choices=list(_WORKLOADS), help="A 50 %%, B 95 %%, C 100 %% reads (A)")
+    which.add_argument("--read-ratio", type=ratio, metavar="R", help="another share of reads")
+    add("--processes", type=counts(1), default=[1, 2, 4, 8], metavar="N,N", help="(1,2,4,8)")
+    add("--frames", type=positive(int, 1e7), default=10000, metavar="N", help="frames of the chain (10000)")
+    add("--history", type=positive(int, 1e6), default=16, metavar="N", help="records kept per frame (16)")
+    add("--read-len", type=positive(int), default=16, metavar="N", help="edges per lookup (16)")
+    add("--write-len", type=positive(int), default=16, metavar="N", help="frames per update (16)")
+    add("--frequency", type=not_negative(float), default=0.0, metavar="HZ", help="per process; 0: no pause (0)")
+    add("--opposite-write", action="store_true", help="give updates from root to leaf; lookups climb from leaf to root")
+    add("--duration", type=positive(float), default=5.0, metavar="S", help="seconds counted per round (5)")
+    add("--warm-up", type=not_negative(float), default=0.3, metavar="S", help="seconds before that (0.3)")
+    add("--rounds", type=positive(int), default=3, metavar="N", help="rounds, interleaved over the protocols (3)")
+    add("--protocol", type=words(_protocols), default=["shmtf", "giant"], metavar="P,P", help="(shmtf,giant)")
+    add("--engine", choices=["native", "python"], default="native", help="loops in C, or what a Python node gets")
+    add("--by", choices=["name", "handle"], default="name", help="how operations give their frames (name)")
+    add(
+        "--check-every",
+        type=not_negative(int),
+        default=8,
+        metavar="N",
+        help="lookups per one whose stamps are looked at (8)",
+    )
+    add("--json", metavar="FILE", help="write the result there")
+
+
+def _settle(args: argparse.Namespace) -> list[str]:
+    """Check what argparse cannot, and return what the reader must be told."""
+    notes = []
+    if max(args.read_len, args.write_len) >= args.frames:
+        raise BenchError("--frames must be more than --read-len and --write-len")
+    if args.engine == "python":
+        if args.protocol == ["shmtf", "giant"]:
+            args.protocol = ["shmtf"]
+            notes.append("the Python engine drives shmtf only: the other protocols exist in C")
+        if args.protocol != ["shmtf"]:
+            raise BenchError("--engine python drives --protocol shmtf only: the other protocols exist in C")
+        args.by = "name"
+    if args.read_ratio is None:
+        args.workload = args.workload or "A"
+        args.read_ratio = _WORKLOADS[args.workload]
+    if args.opposite_write and "shmtf" in args.protocol:
+        notes.append("--opposite-write: shmtf locks in the order of frame ids whatever the order given")
+    return notes
+
+
+def _roles(processes: int, read_ratio: float) -> tuple[int, bool]:
+    """How many only read; and whether, the rarer kind being less than one process, a coin decides each operation."""
+    rarer = min(read_ratio, 1 - read_ratio) * processes
+    if 0 < rarer < 1 - 1e-9:
+        return 0, True
+    return round(read_ratio * processes), False
+
+
+def _case(rounds: list[dict[str, Any]], duration_s: float) -> dict[str, Any]:
+    """All rounds of one protocol and number of processes."""
+    return {
+        "reads_per_s": spread(r["reads"] / duration_s for r in rounds),
+        "writes_per_s": spread(r["writes"] / duration_s for r in rounds),
+        "read_ns": _middle(rounds, "read_ns"),
+        "write_ns": _middle(rounds, "write_ns"),
+        "retries_per_write": _share(rounds, "retries", "writes"),
+        "mixed_reads": _share(rounds, "mixed", "checked"),
+        "checked_reads": sum(r["checked"] for r in rounds),
+        "failures": sum(r["failures"] for r in rounds),
+        "age_oldest_ns": _middle(rounds, "age_oldest_ns"),
+        "age_mean_ns": _middle(rounds, "age_mean_ns"),
+        "span_ns": _middle(rounds, "span_ns"),
+        "cpu_share": spread(r["cpu_ns"] / 1e9 / duration_s for r in rounds),
+        "cpu_ns_per_operation": spread(r["cpu_ns"] / max(1, r["reads"] + r["writes"]) for r in rounds),
+        "least_operations": min(reads + writes for r in rounds for reads, writes in r["workers"]),
+        "rounds": rounds,
+    }
+
+
+def _middle(rounds: list[dict[str, Any]], key: str) -> dict[str, float] | None:
+    """Median over the rounds of each number of a histogram, but the largest of the largest."""
+    found = [r[key] for r in rounds if r[key]]
+    if not found:
+        return None
+    middle = {name: statistics.median(f[name] for f in found) for name in ("count", "mean", "p50", "p99", "p99_9")}
+    return {**middle, "max": max(f["max"] for f in found)}
+
+
+def _share(rounds: list[dict[str, Any]], part: str, whole: str) -> float | None:
+    n = sum(r[whole] for r in rounds)
+    return sum(r[part] for r in rounds) / n if n else None
+
+
+def _measure(args: argparse.Namespace) -> list[dict[str, Any]]:
+    from .. import _bench
+    from ._team import Job, Phase, Team
+
+    job = Job(
+        engine=args.engine,
+        frames=args.frames,
+        history=args.history,
+        read_len=args.read_len,
+        write_len=args.write_len,
+        by_name=args.by == "name",
+        frequency=args.frequency,
+        opposite=args.opposite_write,
+        check_every=args.check_every,
+    )
+    cases = []
+    n_cpus = len(_bench.cpus())
+    with Team(job, args.protocol, max(args.processes)) as team:
+        for processes in args.processes:
+            readers, coin = _roles(processes, args.read_ratio)
+            found: list[list[dict[str, Any]]] = [[] for _ in args.protocol]
+            for k in range(args.rounds):
+                for protocol, name in enumerate(args.protocol):
+                    progress(f"{processes} processes, round {k + 1} of {args.rounds}, {name} ...")
+                    phase = Phase(protocol, processes, readers, coin, args.read_ratio, processes <= n_cpus)
+                    found[protocol].append(team.run(phase, args.warm_up, args.duration, 1 + k))
+            progress("")
+            for protocol, name in enumerate(args.protocol):
+                roles = {"readers": None if coin else readers, "coin": coin, "pinned": processes <= n_cpus}
+                case = _case(found[protocol], args.duration)
+                cases.append({"protocol": name, "processes": processes, **roles, **case})
+                _print_failures(cases[-1])
+    return cases
+
+
+def _print_failures(case: dict[str, Any]) -> None:
+    if case["failures"]:
+        why = next(r["first_failure"] for r in case["rounds"] if r["failures"])
+        print(f"  {case['protocol']}, {case['processes']} processes: {case['failures']} operations failed: {why}")
+
+
+def _mix(case: dict[str, Any]) -> str:
+    if case["coin"]:
+        return "coin"
+    return f"{case['readers']} r + {case['processes'] - case['readers']} w"
+
+
+def _rate(rate: dict[str, float]) -> str:
+    if not rate["max"]:
+        return "-"
+    return f"{quantity(rate['median'])} ({quantity(rate['min'])} .. {quantity(rate['max'])})"
+
+
+def _print(cases: list[dict[str, Any]], args: argparse.Namespace) -> None:
+    head = ["processes", "mix", "protocol", "reads/s", "updates/s", "retries", "mixed", "age", "span", "CPU", "least"]
+    rows = []
+    for c in cases:
+        age, span = c["age_oldest_ns"], c["span_ns"]
+        rows.append(
+            [
+                str(c["processes"]),
+                _mix(c),
+                c["protocol"],
+                _rate(c["reads_per_s"]),
+                _rate(c["writes_per_s"]),
+                "-" if c["retries_per_write"] is None else share(c["retries_per_write"], 1),
+                "-" if c["mixed_reads"] is None else share(c["mixed_reads"], 1),
+                duration(age["p50"] if age else None),
+                duration(span["p50"] if span else None),
+                share(c["cpu_share"]["median"], c["processes"]),
+                quantity(c["least_operations"] / args.duration) + "/s",
+            ]
+        )
+    print(table(head, rows, left=3))
+    print(f"  update: {args.write_len} frames; retries: per update; mixed: lookups that saw half an update; age, span:")
+    print("  of the stamps of a lookup, now - oldest and newest - oldest, median; least: the slowest process\n")
+    head = ["processes", "protocol", "", *(name.replace("_", ".") for name in _LATENCY)]
+    rows = []
+    for c in cases:
+        for kind in ("read", "write"):
+            h = c[f"{kind}_ns"]
+            if h:
+                rows.append([str(c["processes"]), c["protocol"], kind, *(duration(h[name]) for name in _LATENCY)])
+    print(table(head, rows, left=3))
+
+
+def _title(args: argparse.Namespace) -> str:
+    name = f"workload {args.workload}" if args.workload else "workload"
+    pace = f", {args.frequency:g} Hz per process" if args.frequency else ""
+    engine = "C" if args.engine == "native" else "Python"
+    rounds = f"{args.rounds} rounds of {args.duration:g} s"
+    return (
+        f"{name}: {100 * args.read_ratio:g} % reads; {args.frames} frames, lookups over {args.read_len} edges, updates "
+        f"of {args.write_len} frames, by {args.by}{pace}; loops in {engine}; median of {rounds} (smallest .. largest)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    from ._machine import describe, headline
+
+    notes = _settle(args)
+    check_writable(args.json)
+    description = describe()
+    print(headline(description))
+    print(_title(args))
+    if any(_roles(n, args.read_ratio)[1] for n in args.processes):
+        notes.append("coin: with so few processes the rarer kind is less than one, so each operation is drawn")
+    for note in notes:
+        print(f"note: {note}")
+    print()
+    cases = _measure(args)
+    _print(cases, args)
+    left_out = ("json", "command")
+    parameters = {key: value for key, value in vars(args).items() if key not in left_out}
+    write_json(args.json, {"kind": "ycsb", **description, "parameters": parameters, "notes": notes, "cases": cases})
+    return 1 if any(c["failures"] for c in cases) else 0
