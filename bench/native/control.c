@@ -102,9 +102,9 @@ static int64_t update_first(const bench_shape *shape, uint32_t child, int64_t st
 
 /* Two updates are mixed if one frame shows an update that another frame, which that update wrote too, does not have yet:
  * its stamp is older.  A newer one there is a later update. */
-static bool is_mixed(const bench_shape *shape, uint32_t first, const int64_t *stamps, int64_t fill_ns) {
+static bool is_mixed(const bench_shape *shape, uint32_t first, const int64_t *stamps, int64_t start_ns) {
     for (uint32_t k = 0; k < shape->read_len; k++) {
-        if (stamps[k] <= fill_ns || (k && stamps[k] == stamps[k - 1])) continue;
+        if (stamps[k] <= start_ns || (k && stamps[k] == stamps[k - 1])) continue;
         int64_t from = update_first(shape, first + 1 + k, stamps[k]) - first, to = from + shape->write_len;
         for (int64_t i = from < 0 ? 0 : from; i < to && i < shape->read_len; i++)
             if (stamps[i] < stamps[k]) return true;
@@ -113,7 +113,7 @@ static bool is_mixed(const bench_shape *shape, uint32_t first, const int64_t *st
 }
 
 void bench_worker_check(bench_worker *w, const bench_shape *shape, uint32_t first, const int64_t *stamps, int64_t now_ns,
-                        int64_t fill_ns) {
+                        int64_t start_ns) {
     int64_t oldest = INT64_MAX, newest = INT64_MIN;
     double age = 0;
     for (uint32_t k = 0; k < shape->read_len; k++) {
@@ -122,8 +122,8 @@ void bench_worker_check(bench_worker *w, const bench_shape *shape, uint32_t firs
         age += (double)(now_ns - stamps[k]) / shape->read_len;
     }
     w->checked++;
-    if (is_mixed(shape, first, stamps, fill_ns)) w->mixed++;
-    if (oldest <= fill_ns) return;
+    if (is_mixed(shape, first, stamps, start_ns)) w->mixed++;
+    if (oldest <= start_ns) return;
     bench_histogram_record(&w->age_oldest_ns, now_ns - oldest);
     bench_histogram_record(&w->age_mean_ns, (int64_t)age);
     bench_histogram_record(&w->span_ns, newest - oldest);

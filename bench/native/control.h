@@ -64,9 +64,9 @@ void bench_worker_enter(bench_worker *w, bool ready);
 void bench_worker_begin(bench_control *c, uint32_t index);
 void bench_worker_end(bench_control *c, uint32_t index, uint64_t retries, uint64_t cpu_ns);
 /* Look at the stamps of one lookup, [k] being that of frame first + 1 + k; `now_ns` is when it returned.  Stamps up to
- * fill_ns are of the time before the benchmark: they say nothing about freshness. */
+ * start_ns are of the time before the phase: they say nothing about freshness, and belong to no update. */
 void bench_worker_check(bench_worker *w, const bench_shape *shape, uint32_t first, const int64_t *stamps, int64_t now_ns,
-                        int64_t fill_ns);
+                        int64_t start_ns);
 void bench_worker_fail(bench_worker *w, const char *why);
 
 /* The stamp of an update of the frames after `first`: the time, with `first` modulo write_len in its low bits, so that

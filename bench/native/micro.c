@@ -37,6 +37,7 @@ static void floor_recent(bench *b) {
     uint32_t back = 1 + bench_random_below(&b->random, 20);
     floor_interpolate(&b->floor, start(b), CHAIN, back, &b->sink);
 }
+static void floor_newest(bench *b) { floor_interpolate(&b->floor, start(b), CHAIN, 1, &b->sink); }
 static void floor_any_time(bench *b) {
     uint32_t back = 1 + bench_random_below(&b->random, b->depth_back);
     floor_interpolate(&b->floor, start(b), CHAIN, back, &b->sink);
@@ -118,7 +119,8 @@ static const struct {
     {"floor compose", "compose 16 records, always the same", NULL, floor_hot},
     {"floor walk", "random start, by parent words", NULL, floor_random},
     {"floor seqlock", "the same, each record's tag checked", NULL, floor_seqlock},
-    {"floor recent", "interpolate each edge, newest 0.2 s", NULL, floor_recent},
+    {"floor newest", "interpolate each edge, between the newest two", NULL, floor_newest},
+    {"floor recent", "the same, in the newest 0.2 s", NULL, floor_recent},
     {"floor any time", "the same, anywhere in the history", NULL, floor_any_time},
     {"floor write 16", "lock, write a record, unlock", NULL, floor_write_16},
     {"floor write 1", "the same, one frame", NULL, floor_write_1},
@@ -128,7 +130,7 @@ static const struct {
     {"recent handle", "interpolated in the newest 0.2 s", "floor recent", at_recent},
     {"recent name", "the same by name", "floor recent", at_recent_name},
     {"any time handle", "interpolated anywhere in the history", "floor any time", at_any_time},
-    {"common handle", "newest common time, staggered stamps", "floor recent", common},
+    {"common handle", "newest common time, staggered stamps", "floor newest", common},
     {"write 16 handle", "16 frames, atomically", "floor write 16", write_16_handle},
     {"write 16 name", "the same by name", "floor write 16", write_16_name},
     {"write 1 handle", "1 frame", "floor write 1", write_1_handle},

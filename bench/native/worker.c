@@ -56,7 +56,7 @@ static int64_t operate(worker *k, int64_t begin_ns) {
     reads ? k->w->reads++ : k->w->writes++;
     bench_histogram_record(reads ? &k->w->read_ns : &k->w->write_ns, now - begin_ns);
     if (!check) return now;
-    bench_worker_check(k->w, shape, first, k->stamps, now, k->job->fill_ns);
+    bench_worker_check(k->w, shape, first, k->stamps, now, k->phase.start_ns);
     return bench_now_ns();
 }
 
@@ -82,11 +82,12 @@ static void run_phase(worker *k) {
     bench_worker_end(k->control, k->index, k->measuring ? k->protocol->retries(k->client) - k->retries0 : 0, cpu);
 }
 
+/* The first write claims what a writer needs, and opens it by name. */
 static bool attach_all(const bench_job *job, bench_client **clients, bench_worker *w) {
     for (uint32_t i = 0; i < job->n_protocols; i++) {
+        int64_t stamp = bench_update_stamp(&job->shape, 0, bench_now_ns());
         clients[i] = job->protocols[i]->attach(job->places[i], &job->shape, w->error);
-        /* The first write claims what a writer needs, and opens it by name. */
-        if (!clients[i] || !job->protocols[i]->write(clients[i], 0, bench_now_ns(), false, w->error)) return false;
+        if (!clients[i] || !job->protocols[i]->write(clients[i], 0, stamp, false, w->error)) return false;
     }
     return true;
 }

@@ -17,7 +17,6 @@ typedef struct {
     double frequency;     /* operations per second of one process; 0: as fast as it goes */
     bool opposite;
     uint32_t check_every; /* every so many lookups one is looked at more closely; 0: none */
-    int64_t fill_ns;      /* stamps up to this one are of the time before */
 } bench_job;
 
 /* Attach, then run phases until told to stop.  False: it could not attach; why is in the worker's part. */

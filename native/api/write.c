@@ -196,12 +196,18 @@ static void count_work(shmtf_store *h, txn *x, int aborts) {
     x->helps = x->recoveries = x->late_dropped = x->repeats = 0;
 }
 
+/* Was it a wish, not a lock, that stood in the way? */
+static bool gave_way(const shmtf_store *h, const txn *x) {
+    return load_relaxed(&h->s.frames[x->blocked_id].want) == x->blocked_by;
+}
+
 /* Attempts until one is through, refused, or out of time. */
 static shmtf_status attempts(shmtf_store *h, write_context *c, write_job *j, uint64_t *version) {
     int64_t timeout = j->options ? j->options->timeout_ns : 0;
     bool priority = j->options && j->options->priority;
     for (int n = 0, retries = 0;;) {
         verdict v;
+        c->x.yields = n == 0 && !priority;
         c->x.pushing = n >= POLITE_ATTEMPTS || (priority && n > 0);
         c->x.n_staged = 0;
         stage_status st = attempt(h, c, j, version, &v);
@@ -212,6 +218,10 @@ static shmtf_status attempts(shmtf_store *h, write_context *c, write_job *j, uin
         if (v == GIVE_UP) return refuse(h, j, STAGE_CORRUPT);
         if (v == SIGNALLED) return error_set(j->e, SHMTF_INTERRUPTED, "waiting for a frame", NULL);
         if (retry && ++retries < FREE_RETRIES) continue; /* somebody else committed: that is progress */
+        if (was_held && c->x.yields && gave_way(h, &c->x)) {
+            n++; /* once is polite, whatever the time-out */
+            continue;
+        }
         if (!j->first_busy_ns) {
             j->first_busy_ns = clock_monotonic_ns();
             j->deadline = deadline_after(timeout);

@@ -327,7 +327,8 @@ lookup_status lookup_run(lookup *l) {
     if (l->source.id > l->s->geo.max_frames) return LOOKUP_NO_SOURCE;
     if (l->target.id > l->s->geo.max_frames) return LOOKUP_NO_TARGET;
     /* Frames above are reached through records of S, so their life began before S; the ends came from outside. */
-    if (load_relaxed(&l->s->frames[l->source.id].floor) > commit_version(l->snapshot)) return LOOKUP_OLD;
+    if (load_relaxed(&l->s->frames[l->source.id].floor) > commit_version(l->snapshot))
+        return names_unborn_at(&l->s->frames[l->source.id], l->snapshot) ? LOOKUP_NO_SOURCE : LOOKUP_OLD;
     uint32_t da = hint_get(&l->depth[l->source.id]), db = hint_get(&l->depth[l->target.id]);
     if (da && db) {
         chain a = chain_from(l->source, da), b = chain_from(l->target, db);

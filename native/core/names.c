@@ -80,7 +80,7 @@ ring_status names_alive(const shmtf_segment *s, uint64_t snapshot, shmtf_frame f
     if (st == RING_CORRUPT && (uint32_t)load_acquire(&f->gen) != frame.gen) st = RING_NONE;
     fence_acquire(); /* [E7 acquire] */
     bool same = (uint32_t)load_acquire(&f->gen) == frame.gen; /* and the floor after it */
-    if (load_acquire(&f->floor) > commit_version(snapshot)) return RING_OLD;
+    if (load_acquire(&f->floor) > commit_version(snapshot)) return names_unborn_at(f, snapshot) ? RING_NONE : RING_OLD;
     if (!same) return RING_NONE;
     if (st == RING_OK && info_kind(r.info) == KIND_REMOVED) return RING_NONE;
     return st;
@@ -184,12 +184,11 @@ static bool publish_hint(const shmtf_segment *s, const name_key *key, uint64_t h
 bool names_bind_locked(const shmtf_segment *s, uint32_t id, const name_key *key, bool keep_ring, shmtf_frame *out) {
     shmtf_frame_words_t *f = &s->frames[id];
     uint64_t gen = load_relaxed(&f->gen) & ~1ull, version = commit_version(load_acquire(&s->global->commit));
-    uint64_t reach = reach_of(s);
     raise_to(&f->floor, version);
     SHMTF_FAILPOINT("floor-raised");
     raise_old_floor(s, id, version);
-    for (uint64_t b = 0; b <= reach; b++) raise_to(&bucket_of(s, key->hash, b)->floor, version);
     SHMTF_FAILPOINT("buckets-raised");
+    if (!load_relaxed(&f->first)) store_release(&f->first, version + 1);
     store_release(&f->gen, gen + 1); /* [E7 release] */
     fence_release();                 /* [E7 release] */
     SHMTF_FAILPOINT("bound-odd");

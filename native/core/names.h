@@ -5,8 +5,8 @@
  * Problem.  Names come and go while others look them up, readers write nothing, and a binder may die at any store.
  *
  * Protocol.  A frame that holds no live record is free.  Whoever holds its lock may *bind* it to a name: raise the
- * frame's floor and the floors of the old and the new name's buckets to the current version; gen odd; name; gen even;
- * publish a hint.  Binding makes nothing visible: a frame exists at S if its newest record at S says so, and its first
+ * frame's floor and the floors of the old name's buckets to the current version; gen odd; name; gen even; publish a
+ * hint.  Binding makes nothing visible: a frame exists at S if its newest record at S says so, and its first
  * record comes with the binder's commit.  So an aborted or killed binder leaves a free frame and a garbage hint.
  * Entries are never moved or marked: an entry whose gen is not its frame's is garbage and may be overwritten.
  *
@@ -51,6 +51,12 @@ bool names_bind_locked(const shmtf_segment *s, uint32_t id, const name_key *key,
 
 /* Is the frame free, as its lock's owner or a hopeful binder sees it? */
 bool names_frame_free(const shmtf_segment *s, uint32_t id);
+
+/* No life of this frame had begun at S: `first` is written once, before its first. */
+static inline bool names_unborn_at(const shmtf_frame_words_t *f, uint64_t snapshot) {
+    uint64_t first = load_acquire(&f->first);
+    return !first || commit_version(snapshot) < first;
+}
 
 /* Is this handle's frame alive at S?  RING_OK: yes; RING_NONE: removed, or not yet there. */
 ring_status names_alive(const shmtf_segment *s, uint64_t snapshot, shmtf_frame frame);

@@ -41,7 +41,8 @@ static inline tree_step tree_classify(const shmtf_segment *s, uint64_t snapshot,
     const shmtf_frame_words_t *f = &s->frames[frame.id];
     /* After the copy: an unchanged gen means that the record is this life's. [E7 acquire] */
     uint32_t gen = (uint32_t)load_acquire(&f->gen);
-    if (load_relaxed(&f->floor) > commit_version(snapshot)) return STEP_OLD;
+    if (load_relaxed(&f->floor) > commit_version(snapshot))
+        return names_unborn_at(f, snapshot) ? STEP_GONE : STEP_OLD;
     if (gen != frame.gen || st == RING_NONE) return STEP_GONE;
     if (st == RING_OLD || st == RING_AGAIN) return STEP_OLD;
     if (st == RING_CORRUPT) return STEP_CORRUPT;

@@ -47,7 +47,7 @@ static txn_status held(txn *x, uint32_t id, uint64_t by) {
 /* Give way to a writer that waits for this frame. */
 static bool must_give_way(txn *x, shmtf_frame_words_t *f, uint64_t *want) {
     *want = load_relaxed(&f->want);
-    if (!*want || *want == x->own || x->pushing) return false;
+    if (!*want || *want == x->own || !x->yields) return false;
     if (!recover_want_stale(x->s, *want)) return true;
     cas_acq_rel(&f->want, *want, 0);
     return false;
@@ -127,9 +127,7 @@ static txn_status lock_free_frame(txn *x, txn_entry **entry) {
             store_relaxed(&s->global->frame_hint, id);
             return TXN_OK;
         }
-        cas_acq_rel(&s->frames[id].lock, (*entry)->w.lock, lock_released((*entry)->w.lock)); /* [E5 release] */
-        x->entry_of[id] = 0;
-        x->n--;
+        return TXN_RETRY; /* taken meanwhile.  Not let go of here: this transaction's lock word must not come a second time */
     }
     return any_held ? TXN_HELD : TXN_FULL_FRAMES;
 }

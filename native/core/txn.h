@@ -45,7 +45,8 @@ typedef struct {
     uint64_t snapshot, topology;
     tree_clears clears;
     bool reshapes;
-    bool pushing;       /* others' wishes are not waited for, ours is announced */
+    bool yields;        /* gives way to announced wishes: once an operation, or a stopped waiter would hold up others */
+    bool pushing;       /* waits for locks, in id order, and announces it */
     size_t n;
     uint64_t n_staged;
     uint32_t blocked_id; /* with TXN_HELD: the frame, and the lock or wish that is in the way */

@@ -88,7 +88,7 @@ typedef struct {
     shmtf_word ring;    /* offset in the arena | used:1 (bit 5) | log2:5; of the big ring, fixed while gen stands */
     shmtf_word floor;   /* this life began after this version */
     shmtf_word want;    /* a waiting writer's lock word, or 0: others give way */
-    shmtf_word spare;
+    shmtf_word first;   /* no life of this frame began before this version; 0: it was never bound */
 } shmtf_frame_words_t;
 
 typedef struct {

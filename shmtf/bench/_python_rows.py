@@ -140,9 +140,9 @@ def _rows(read: Snake, write: Snake) -> list[_Row]:
             "lookup_transform, newest common time, staggered stamps",
             r.lookup_transform,
             read.pairs,
-            "floor recent",
+            "floor newest",
         ),
-        _Row("can", "can_transform, newest common time", r.can_transform, read.pairs, "floor recent"),
+        _Row("can", "can_transform, newest common time", r.can_transform, read.pairs, "floor newest"),
         _Row("set 1", "set_transform of a ready Transform", w.set_transform, write.one, "floor write 1"),
         _Row("set 16", "set_transforms of 16 ready Transforms", w.set_transforms, write.sixteen, "floor write 16"),
     ]

@@ -49,7 +49,8 @@ def share(part: float, whole: float) -> str:
         return "-"
     if not part:
         return "0"
-    return f"{100 * part / whole:.2g} %"
+    percent = 100 * part / whole
+    return f"{percent:.2g} %" if percent < 9.5 else f"{percent:.0f} %"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, indent: str = "  ") -> str:

@@ -112,7 +112,6 @@ class Team:
             "parent": os.getpid(),
             "control": self.control.path,
             "protocols": self._places,
-            "fill_ns": time.monotonic_ns(),
         }
         for index in range(self._n):
             progress(f"starting worker {index + 1} of {self._n} ...")

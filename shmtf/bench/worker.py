@@ -27,7 +27,6 @@ def _work_in_c(control: _bench.Control, told: dict[str, Any]) -> bool:
         told["frequency"],
         told["opposite"],
         told["check_every"],
-        told["fill_ns"],
     )
 
 
@@ -62,10 +61,10 @@ class PythonWorker:
             [make(names[i - 1], names[i], stamp, (0.1, 0.2, 0.3), (0.5, -0.5, 0.5, -0.5)) for i in children]
         )
 
-    def check(self, first: int, transform: Any) -> None:
+    def check(self, first: int, transform: Any, start_ns: int) -> None:
         stamps = [stamp for _, _, stamp in transform.edges]
         now = time.monotonic_ns()
-        self.control.check(self.index, self.write_len, first, stamps[::-1], now, self.told["fill_ns"])
+        self.control.check(self.index, self.write_len, first, stamps[::-1], now, start_ns)
 
     def phase(self, p: dict[str, Any]) -> None:
         control, index, frames = self.control, self.index, self.told["frames"]
@@ -94,7 +93,7 @@ class PythonWorker:
             if measuring and now < p["end_ns"]:
                 stop = control.operation(index, reads, now - start)
                 if found is not None and self._is_checked():
-                    self.check(first, found)
+                    self.check(first, found, p["start_ns"])
             if period:
                 _sleep_until(now + period)
                 now = time.monotonic_ns()

@@ -16,10 +16,10 @@ def control() -> _bench.Control:
     return _bench.Control(1)
 
 
-def check(control: _bench.Control, write_len: int, first: int, stamps: list[int], fill_ns: int = 0) -> bool:
+def check(control: _bench.Control, write_len: int, first: int, stamps: list[int], start_ns: int = 0) -> bool:
     """Is it a mixture?"""
     before = control.result(1)["mixed"]
-    control.check(0, write_len, first, stamps, max(stamps) + 1, fill_ns)
+    control.check(0, write_len, first, stamps, max(stamps) + 1, start_ns)
     return bool(control.result(1)["mixed"] - before)
 
 
@@ -91,7 +91,7 @@ def test_a_newer_update_over_half_of_it_is_no_mixture(control: _bench.Control) -
 
 
 def test_what_was_there_before_belongs_to_no_update(control: _bench.Control) -> None:
-    assert not check(control, 4, 0, [17, 5, 99, 3, 12, 1, 40, 2], fill_ns=100)
+    assert not check(control, 4, 0, [17, 5, 99, 3, 12, 1, 40, 2], start_ns=100)
 
 
 def test_freshness(control: _bench.Control) -> None:
@@ -156,6 +156,7 @@ def test_duration(ns: float | None, text: str) -> None:
 def test_share_shows_exact_zeros() -> None:
     assert _report.share(0, 10) == "0"
     assert _report.share(1, 1000) == "0.1 %"
+    assert _report.share(999, 1000) == "100 %"
     assert _report.share(1, 0) == "-"
 
 

@@ -185,11 +185,12 @@ static void check_wants(void) {
     uint32_t id = id_of(&w, "f");
     NEED(txn_begin(&b.x) == TXN_OK);
     txn_want(&b.x, id);
+    a.x.yields = true;
     EQUAL(write_one(&a, edge_at("p", "f", 6, 2)), STAGE_HELD);
     CHECK(a.x.blocked_id == id && a.x.blocked_by == b.x.own);
-    a.x.pushing = true;
+    a.x.yields = false;
     EQUAL(write_one(&a, edge_at("p", "f", 6, 2)), STAGE_OK);
-    a.x.pushing = false;
+    a.x.yields = true;
     EQUAL(write_one(&b, edge_at("p", "f", 7, 3)), STAGE_OK); /* its next transaction: the wish is over */
     EQUAL(write_one(&a, edge_at("p", "f", 8, 4)), STAGE_OK);
     NEED(txn_begin(&b.x) == TXN_OK);

@@ -58,6 +58,16 @@ def test_births_and_removals_are_not_seen(store: Store) -> None:
     assert set(store.frames()) == {"map", "a", "b", "c", "new"}
 
 
+def test_births_do_not_end_a_snapshot(store: Store) -> None:
+    store.set_transform(Transform("map", "a", 1))
+    with store.snapshot() as snap:
+        store.set_transforms([Transform("map", f"new{i}", 2) for i in range(40)])
+        assert set(snap.frames()) == {"map", "a"}
+        assert not any(snap.frame_exists(f"new{i}") for i in range(40))
+        assert not snap.can_transform("map", "new7")
+        assert snap.lookup_latest_transform("map", "a").stamp == 1
+
+
 def test_expiry(store: Store) -> None:
     store.set_transform(Transform("map", "a", 0))
     snap = store.snapshot()

@@ -178,16 +178,14 @@ static PyObject *work(PyObject *self, PyObject *args) {
     PyObject *pairs;
     unsigned index;
     int parent, by_name, opposite;
-    long long fill_ns;
     bool ok;
     memset(&job, 0, sizeof job);
     bench_shape *s = &job.shape;
-    if (!PyArg_ParseTuple(args, "IiO!IIIIpdpIL:work", &index, &parent, &PyList_Type, &pairs, &s->n_frames, &s->history, &s->read_len,
-                          &s->write_len, &by_name, &job.frequency, &opposite, &job.check_every, &fill_ns))
+    if (!PyArg_ParseTuple(args, "IiO!IIIIpdpI:work", &index, &parent, &PyList_Type, &pairs, &s->n_frames, &s->history, &s->read_len,
+                          &s->write_len, &by_name, &job.frequency, &opposite, &job.check_every))
         return NULL;
     s->by_name = by_name;
     job.opposite = opposite;
-    job.fill_ns = fill_ns;
     if (!worker_at(self, index) || !parse_protocols(pairs, &job)) return NULL;
     bench_die_with(parent);
     Py_BEGIN_ALLOW_THREADS
@@ -250,15 +248,15 @@ static PyObject *check(PyObject *self, PyObject *args) {
     bench_shape s;
     PyObject *list;
     unsigned index, first;
-    long long now_ns, fill_ns;
+    long long now_ns, start_ns;
     memset(&s, 0, sizeof s);
-    if (!PyArg_ParseTuple(args, "IIIO!LL:check", &index, &s.write_len, &first, &PyList_Type, &list, &now_ns, &fill_ns)) return NULL;
+    if (!PyArg_ParseTuple(args, "IIIO!LL:check", &index, &s.write_len, &first, &PyList_Type, &list, &now_ns, &start_ns)) return NULL;
     bench_worker *w = worker_at(self, index);
     s.read_len = (uint32_t)PyList_Size(list);
     int64_t *stamps = w ? PyMem_Calloc(s.read_len + 1, sizeof *stamps) : NULL;
     if (!stamps) return w ? PyErr_NoMemory() : NULL;
     for (uint32_t i = 0; i < s.read_len; i++) stamps[i] = PyLong_AsLongLong(PyList_GetItem(list, i));
-    if (!PyErr_Occurred()) bench_worker_check(w, &s, first, stamps, now_ns, fill_ns);
+    if (!PyErr_Occurred()) bench_worker_check(w, &s, first, stamps, now_ns, start_ns);
     PyMem_Free(stamps);
     return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
 }
@@ -300,14 +298,14 @@ static PyMethodDef methods[] = {
     {"state", state, METH_VARARGS, PyDoc_STR("state(index)\n--\n\n(0 starting, 1 ready, 2 failed; last phase done; error)")},
     {"result", result, METH_VARARGS, PyDoc_STR("result(n)\n--\n\nWhat workers 0 to n - 1 counted in the last phase, together (dict).")},
     {"work", work, METH_VARARGS,
-     PyDoc_STR("work(index, parent, protocols, frames, history, read_len, write_len, by_name, frequency, opposite, check_every, "
-               "fill_ns)\n--\n\nBe a worker, in C, until told to stop.  False: it could not attach.")},
+     PyDoc_STR("work(index, parent, protocols, frames, history, read_len, write_len, by_name, frequency, opposite, check_every)"
+               "\n--\n\nBe a worker, in C, until told to stop.  False: it could not attach.")},
     {"enter", enter, METH_VARARGS, PyDoc_STR("enter(index, parent, ready, error)\n--\n\nBe a worker in Python.")},
     {"next_phase", next_phase, METH_VARARGS,
      PyDoc_STR("next_phase(last)\n--\n\nWaits up to 0.1 s for a phase above `last` (dict; number 0: none yet); None: leave.")},
     {"begin", begin, METH_VARARGS, PyDoc_STR("begin(index)\n--\n\nForget what was counted.")},
     {"operation", operation, METH_VARARGS, PyDoc_STR("operation(index, reads, ns)\n--\n\nCount one.  True: leave.")},
-    {"check", check, METH_VARARGS, PyDoc_STR("check(index, write_len, first, stamps, now_ns, fill_ns)\n--\n\nLook at a lookup's stamps.")},
+    {"check", check, METH_VARARGS, PyDoc_STR("check(index, write_len, first, stamps, now_ns, start_ns)\n--\n\nLook at a lookup's stamps.")},
     {"fail", fail, METH_VARARGS, PyDoc_STR("fail(index, why)\n--\n\nCount a failure.")},
     {"end", end, METH_VARARGS, PyDoc_STR("end(index, retries, cpu_ns)\n--\n\nThe phase is done.")},
     {"update_stamp", update_stamp, METH_VARARGS | METH_STATIC,
