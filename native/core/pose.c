@@ -61,14 +61,14 @@ void pose_renormalise(shmtf_pose *p) {
 const char *pose_normalise(shmtf_pose *p, double *value) {
     double sum = p->x + p->y + p->z; /* finite only if all three are; if it overflows, look closer */
     double norm2 = p->qx * p->qx + p->qy * p->qy + p->qz * p->qz + p->qw * p->qw;
-    if (sum - sum == 0 && norm2 == 1 && p->qw >= 0) return NULL;
+    if (sum - sum == 0 && fabs(norm2 - 1) <= 1e-15 && p->qw >= 0) return NULL; /* it stays as it was given, to the bit */
     const double v[7] = {p->x, p->y, p->z, p->qx, p->qy, p->qz, p->qw};
     static const char *const name[7] = {"translation x", "translation y", "translation z", "rotation x",
                                         "rotation y",    "rotation z",    "rotation w"};
     for (int i = 0; i < 7; i++)
         if (!isfinite(v[i])) return *value = v[i], name[i];
     if (!(fabs(norm2 - 1) <= 1e-2)) return *value = sqrt(norm2), "norm of the rotation quaternion";
-    double s = norm2 == 1 ? 1 : 1 / sqrt(norm2);
+    double s = fabs(norm2 - 1) <= 1e-15 ? 1 : 1 / sqrt(norm2);
     bool flip = p->qw < 0;
     if (s != 1 || flip) scale_rotation(p, flip ? -s : s);
     return NULL;

@@ -83,6 +83,7 @@ def test_read_only_workload(tmp_path: Path) -> None:
         assert case["readers"] == 2
         assert case["writes_per_s"]["max"] == 0
         assert case["write_ns"] is None and case["retries_per_write"] is None
+        assert case["mixed_reads"] == 0 and case["age_oldest_ns"] is None  # nothing is written: nothing to be fresh
 
 
 def test_few_processes_draw_each_operation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
