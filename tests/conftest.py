@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import pty
 import subprocess
 import sys
 import textwrap
@@ -48,6 +49,19 @@ def store(store_name: str) -> Iterator[shmtf.Store]:
     """A small new store."""
     with shmtf.Store.create(store_name, max_frames=64, history=32, stream_bytes=1 << 16, authority="test") as made:
         yield made
+
+
+@pytest.fixture
+def open_terminal() -> Callable[[], tuple[int, int]]:
+    """Makes a pseudo terminal: (master, slave)."""
+
+    def make() -> tuple[int, int]:
+        try:
+            return pty.openpty()
+        except OSError as error:
+            pytest.skip(f"no pseudo terminals here: {error}")
+
+    return make
 
 
 @pytest.fixture

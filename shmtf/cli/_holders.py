@@ -37,6 +37,8 @@ def process_state(pid: int, started_ns: int = 0) -> str:
 
     started_ns: when it claimed to exist; a younger process of that id is somebody else.
     """
+    if not 0 < pid < 1 << 31:  # whatever the segment says
+        return "unknown"
     try:
         process = psutil.Process(pid)
         if started_ns and process.create_time() > started_ns / 1e9 + 1:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import pty
 import re
 import signal
 import subprocess
@@ -22,8 +21,8 @@ ENTER, LEAVE = b"\x1b[?1049h", b"\x1b[?1049l"
 class Terminal:
     """A program on a pseudo terminal."""
 
-    def __init__(self, *words: str) -> None:
-        master, slave = pty.openpty()
+    def __init__(self, ends: tuple[int, int], *words: str) -> None:
+        master, slave = ends
         self.master = master
         self.seen = b""
         self.process = subprocess.Popen(
@@ -52,11 +51,11 @@ class Terminal:
 
 
 @pytest.fixture
-def terminal() -> Iterator[Callable[..., Terminal]]:
+def terminal(open_terminal: Callable[[], tuple[int, int]]) -> Iterator[Callable[..., Terminal]]:
     made: list[Terminal] = []
 
     def start(*words: str) -> Terminal:
-        made.append(Terminal(*words))
+        made.append(Terminal(open_terminal(), *words))
         return made[-1]
 
     yield start

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import pty
 import re
 import signal
 import subprocess
@@ -178,9 +177,9 @@ def test_the_store_fits_a_small_machine(start: Start, store_name: str) -> None:
     assert shmtf.store_info(store_name).size_bytes < 64 << 20
 
 
-def test_live_table(store_name: str) -> None:
+def test_live_table(store_name: str, open_terminal: Callable[[], tuple[int, int]]) -> None:
     """On a terminal: a table that is drawn again in its place; 'q' ends it, and the summary stays."""
-    master, slave = pty.openpty()
+    master, slave = open_terminal()
     termios.tcsetwinsize(slave, (50, 100))
     words = [sys.executable, "-m", "shmtf.demo", "--name", store_name, "--duration", "60", "--planners", "1"]
     process = subprocess.Popen(
