@@ -14,6 +14,10 @@
  * state at S is no longer known: it needs a newer S.  It never waits for an odd gen: a frame being bound exists for
  * nobody, and its old name's bucket has its floor raised already.
  *
+ * Why only the old name's floor.  If a name was alive at S, then either its frame's gen still stands, and with it the hint,
+ * which is not garbage and hence not overwritten; or the frame was bound again, and that binder raised the floor of this
+ * very bucket before it changed the gen, which whoever finds the hint garbage, or overwritten, has seen change.
+ *
  * Uniqueness.  Two binders of one name bind two frames; the commit of the second is refused because the tree's shape
  * changed, and its next attempt finds the first one's frame.
  */

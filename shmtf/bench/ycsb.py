@@ -5,11 +5,14 @@ from __future__ import annotations
 
 import argparse
 import statistics
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from . import BenchError
 from ._arguments import counts, not_negative, positive, ratio, words
 from ._report import check_writable, duration, progress, quantity, share, spread, table, write_json
+
+if TYPE_CHECKING:
+    from ._team import Team
 
 _WORKLOADS = {"A": 0.5, "B": 0.95, "C": 1.0}
 _LATENCY = ("mean", "p50", "p99", "p99_9", "max")
@@ -113,8 +116,7 @@ def _share(rounds: list[dict[str, Any]], part: str, whole: str) -> float | None:
 
 
 def _measure(args: argparse.Namespace) -> list[dict[str, Any]]:
-    from .. import _bench
-    from ._team import Job, Phase, Team
+    from ._team import Job, Team
 
     job = Job(
         engine=args.engine,
@@ -128,23 +130,32 @@ def _measure(args: argparse.Namespace) -> list[dict[str, Any]]:
         check_every=args.check_every,
     )
     cases = []
-    n_cpus = len(_bench.cpus())
-    with Team(job, args.protocol, max(args.processes)) as team:
-        for processes in args.processes:
-            readers, coin = _roles(processes, args.read_ratio)
-            found: list[list[dict[str, Any]]] = [[] for _ in args.protocol]
-            for k in range(args.rounds):
-                for protocol, name in enumerate(args.protocol):
-                    progress(f"{processes} processes, round {k + 1} of {args.rounds}, {name} ...")
-                    phase = Phase(protocol, processes, readers, coin, args.read_ratio, processes <= n_cpus)
-                    found[protocol].append(team.run(phase, args.warm_up, args.duration, 1 + k))
-            progress("")
-            for protocol, name in enumerate(args.protocol):
-                roles = {"readers": None if coin else readers, "coin": coin, "pinned": processes <= n_cpus}
-                case = _case(found[protocol], args.duration)
-                cases.append({"protocol": name, "processes": processes, **roles, **case})
-                _print_failures(cases[-1])
+    for processes in args.processes:
+        with Team(job, args.protocol, processes) as team:  # fresh memory: what the last ones left in it does not count
+            cases += _measure_one(team, processes, args)
+        for case in cases[-len(args.protocol) :]:
+            _print_failures(case)
     return cases
+
+
+def _measure_one(team: Team, processes: int, args: argparse.Namespace) -> list[dict[str, Any]]:
+    """All protocols with this number of processes, round by round."""
+    from .. import _bench
+    from ._team import Phase
+
+    readers, coin = _roles(processes, args.read_ratio)
+    pinned = processes <= len(_bench.cpus())
+    found: list[list[dict[str, Any]]] = [[] for _ in args.protocol]
+    for k in range(args.rounds):
+        for protocol, name in enumerate(args.protocol):
+            progress(f"{processes} processes, round {k + 1} of {args.rounds}, {name} ...")
+            phase = Phase(protocol, processes, readers, coin, args.read_ratio, pinned)
+            found[protocol].append(team.run(phase, args.warm_up, args.duration, 1 + k))
+    roles = {"readers": None if coin else readers, "coin": coin, "pinned": pinned}
+    return [
+        {"protocol": name, "processes": processes, **roles, **_case(rounds, args.duration)}
+        for name, rounds in zip(args.protocol, found, strict=True)
+    ]
 
 
 def _print_failures(case: dict[str, Any]) -> None:
