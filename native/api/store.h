@@ -79,7 +79,7 @@ static inline int64_t deadline_after(int64_t timeout_ns) {
     return timeout_ns > INT64_MAX - now ? INT64_MAX : now + timeout_ns;
 }
 
-/* The frame of a reference as of a commit word; key is scratch. */
+/* The frame of a reference as of a commit word.  *again: this commit is too old to tell. */
 shmtf_status store_find(shmtf_store *h, uint64_t snapshot, const shmtf_ref *ref, shmtf_frame *frame, bool *again, shmtf_error *e);
 
 #endif

@@ -26,7 +26,6 @@
 
 enum {
     SHMTF_PAGE = 4096,
-    SHMTF_LINE = 64,
     SHMTF_CHUNK_BYTES = 512,
     SHMTF_BUCKET_HINTS = 7,
     SHMTF_NAME_WORDS = 16,
@@ -85,7 +84,7 @@ typedef struct {
     shmtf_word lock;    /* owned:1 | sel:1 | slot:10 | txn:52 -- the writer flag; free words keep their last owner */
     shmtf_word head[2]; /* indexed:1 | big:1 | flips:14 | count:48; lock.sel names the one in force */
     shmtf_word gen;     /* times bound, doubled; odd while a name is being bound */
-    shmtf_word ring;    /* offset in the arena | used:1 (bit 5) | log2:5; of the big ring, fixed while gen stands */
+    shmtf_word ring;    /* offset in the arena | used:1 (bit 5) | log2:5; of the big ring, fixed while a head is about it */
     shmtf_word floor;   /* this life began after this version */
     shmtf_word want;    /* a waiting writer's lock word, or 0: others give way */
     shmtf_word first;   /* no life of this frame began before this version; 0: it was never bound */

@@ -16,7 +16,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "shmtf.h"
+#include "member.h"
 
 enum { EDGES = 16 };
 
@@ -27,20 +27,6 @@ typedef struct {
 static shared *all;
 static const char *store_name;
 static char names[EDGES + 1][8];
-
-static void stop(const char *what, const shmtf_error *e) {
-    char text[256] = "";
-    if (e) shmtf_error_message(e, text, sizeof text);
-    fprintf(stderr, "process %d: %s %s\n", (int)getpid(), what, text);
-    _exit(1);
-}
-
-static shmtf_store *join(unsigned flags) {
-    shmtf_store *h;
-    shmtf_error e;
-    if (shmtf_attach(store_name, flags, NULL, 0, &h, &e)) stop("attach", &e);
-    return h;
-}
 
 static void update(shmtf_store *h) {
     shmtf_transform t[EDGES];
@@ -54,7 +40,7 @@ static void update(shmtf_store *h) {
 }
 
 static void writer(long updates) {
-    shmtf_store *h = join(0);
+    shmtf_store *h = join(store_name, 0);
     while (atomic_load(&all->waiting)) sched_yield(); /* until every reader has read */
     for (long i = 0; i < updates; i++) update(h);
     atomic_fetch_sub(&all->writing, 1);
@@ -63,7 +49,7 @@ static void writer(long updates) {
 }
 
 static void reader(void) {
-    shmtf_store *h = join(SHMTF_READONLY);
+    shmtf_store *h = join(store_name, SHMTF_READONLY);
     shmtf_edge edges[EDGES];
     int64_t last = -1;
     uint64_t version = 0;
@@ -96,7 +82,7 @@ int main(int argc, char **argv) {
     all = mmap(NULL, sizeof *all, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (all == MAP_FAILED || shmtf_create(store_name, &c, 0600, &e)) stop("create", &e);
     for (int i = 0; i <= EDGES; i++) snprintf(names[i], sizeof names[i], "f%d", i);
-    shmtf_store *h = join(0);
+    shmtf_store *h = join(store_name, 0);
     atomic_store(&all->stamp, 1);
     update(h);
     atomic_store(&all->writing, n - n / 2);

@@ -18,7 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "shmtf.h"
+#include "member.h"
 
 enum { GROUP = 8, MOST = 64 };
 
@@ -36,20 +36,6 @@ static uint64_t rnd(void) {
     random_state ^= random_state << 13;
     random_state ^= random_state >> 7;
     return random_state ^= random_state << 17;
-}
-
-static void stop(const char *what, const shmtf_error *e) {
-    char text[256] = "";
-    if (e) shmtf_error_message(e, text, sizeof text);
-    fprintf(stderr, "process %d: %s %s\n", (int)getpid(), what, text);
-    _exit(1);
-}
-
-static shmtf_store *join(unsigned flags) {
-    shmtf_store *h;
-    shmtf_error e;
-    if (shmtf_attach(store_name, flags, NULL, 0, &h, &e)) stop("attach", &e);
-    return h;
 }
 
 static const shmtf_write_options wait_long = {.timeout_ns = -1};
@@ -81,7 +67,7 @@ static void come_and_go(shmtf_store *h) {
 
 static void writer(uint64_t seed) {
     random_state = seed * 0x9e3779b97f4a7c15ull | 1;
-    shmtf_store *h = join(0);
+    shmtf_store *h = join(store_name, 0);
     for (;;) {
         if (rnd() % 16 == 0) come_and_go(h);
         else change_group(h, (int)(rnd() % 2));
@@ -90,7 +76,7 @@ static void writer(uint64_t seed) {
 
 static void reader(uint64_t seed) {
     random_state = seed * 0x9e3779b97f4a7c15ull | 1;
-    shmtf_store *h = join(seed % 2 ? SHMTF_READONLY : 0);
+    shmtf_store *h = join(store_name, seed % 2 ? SHMTF_READONLY : 0);
     while (!atomic_load(&all->over)) {
         shmtf_snapshot s = shmtf_take_snapshot(h);
         double x[2 * GROUP], sum = 0;
@@ -131,7 +117,7 @@ static int killed_by(pid_t pid, int signal_number) {
 static int left_behind(void) {
     shmtf_check_report report;
     shmtf_error e;
-    shmtf_store *h = join(0);
+    shmtf_store *h = join(store_name, 0);
     for (int group = 0; group < 2; group++) change_group(h, group);
     if (shmtf_check(h, 1, &report, &e) || shmtf_check(h, 0, &report, &e)) stop("check", &e);
     if (report.locks_held || report.bad_words) fprintf(stderr, "left: %llu locks, %llu bad words\n", (unsigned long long)report.locks_held, (unsigned long long)report.bad_words);
@@ -152,7 +138,7 @@ int main(int argc, char **argv) {
     for (int i = 0; i < 2 * GROUP; i++) snprintf(names[i], sizeof names[i], "%c%d", i < GROUP ? 'e' : 's', i % GROUP);
     random_state = 88172645463325252ull;
     atomic_store(&all->stamp, 100);
-    shmtf_store *h = join(0);
+    shmtf_store *h = join(store_name, 0);
     for (int group = 0; group < 2; group++) change_group(h, group);
     shmtf_close(h);
     uint64_t seed = 1;

@@ -13,12 +13,9 @@ import pytest
 import shmtf
 from shmtf import Store, Transform
 
-SMALL = {"max_frames": 16, "history": 8, "stream_bytes": 1 << 12}
+from .conftest import SMALL, path_of
+
 PAGE = 4096
-
-
-def path_of(name: str) -> str:
-    return os.path.join("/dev/shm", name)
 
 
 def write(name: str, data: bytes) -> None:

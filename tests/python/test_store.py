@@ -14,17 +14,7 @@ import pytest
 import shmtf
 from shmtf import Store, Transform
 
-SMALL = {"max_frames": 16, "history": 8, "stream_bytes": 1 << 12}
-
-
-def path_of(name: str) -> str:
-    return os.path.join("/dev/shm", name)
-
-
-def map_lines(name: str) -> list[str]:
-    with open("/proc/self/maps") as maps:
-        return [line.split()[1] for line in maps if line.rstrip().endswith(path_of(name))]
-
+from .conftest import SMALL, map_lines, path_of
 
 # ---- create ----
 
