@@ -14,7 +14,11 @@
 
 #include "shmtf.h"
 
-enum { BENCH_NAME_SIZE = 16 };
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { BENCH_NAME_SIZE = 16, BENCH_POSES = 64 };
 
 static inline int64_t bench_clock_ns(clockid_t clock) {
     struct timespec t;
@@ -43,6 +47,8 @@ static inline void bench_frame_name(char name[BENCH_NAME_SIZE], uint32_t i) {
 }
 /* The joint's pose in its parent at a time. */
 shmtf_pose bench_pose(uint32_t frame, int64_t stamp_ns);
+/* What every update writes for a frame: one of BENCH_POSES poses. */
+static inline shmtf_pose bench_written_pose(uint32_t frame) { return bench_pose(frame % BENCH_POSES, 0); }
 
 /* The n-th of the CPUs that this process was given, from 0, or from the last one at -1; -1: there are fewer. */
 int bench_cpu_allowed(int n);
@@ -56,4 +62,7 @@ typedef struct {
 /* Of n > 0 values, which are sorted in place. */
 bench_spread bench_spread_of(double *values, size_t n);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

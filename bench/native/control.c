@@ -6,6 +6,7 @@
 #include <fcntl.h>
 #include <linux/futex.h>
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -70,9 +71,10 @@ void bench_worker_begin(bench_control *c, uint32_t index) {
     memset((char *)w + counts, 0, sizeof *w - counts);
 }
 
-void bench_worker_end(bench_control *c, uint32_t index, uint64_t retries, uint64_t cpu_ns) {
+void bench_worker_end(bench_control *c, uint32_t index, uint64_t read_retries, uint64_t write_retries, uint64_t cpu_ns) {
     bench_worker *w = &c->worker[index];
-    w->retries = retries;
+    w->read_retries = read_retries;
+    w->write_retries = write_retries;
     w->cpu_ns = cpu_ns;
     fence_release(); /* pairs with the coordinator's acquire load of `done` */
     store32_relaxed(&w->done, load32_acquire(&c->phase_number));
@@ -115,16 +117,20 @@ static bool is_mixed(const bench_shape *shape, uint32_t first, const int64_t *st
 void bench_worker_check(bench_worker *w, const bench_shape *shape, uint32_t first, const int64_t *stamps, int64_t now_ns,
                         int64_t start_ns) {
     int64_t oldest = INT64_MAX, newest = INT64_MIN;
-    double age = 0;
+    double sum = 0, squares = 0; /* of stamps from the first one on: those are small numbers */
     for (uint32_t k = 0; k < shape->read_len; k++) {
         if (stamps[k] < oldest) oldest = stamps[k];
         if (stamps[k] > newest) newest = stamps[k];
-        age += (double)(now_ns - stamps[k]) / shape->read_len;
+        double d = (double)(stamps[k] - stamps[0]);
+        sum += d;
+        squares += d * d;
     }
     w->checked++;
     if (is_mixed(shape, first, stamps, start_ns)) w->mixed++;
     if (oldest <= start_ns) return;
     bench_histogram_record(&w->age_oldest_ns, now_ns - oldest);
-    bench_histogram_record(&w->age_mean_ns, (int64_t)age);
+    double mean = sum / shape->read_len, variance = squares / shape->read_len - mean * mean;
+    bench_histogram_record(&w->age_mean_ns, now_ns - stamps[0] - (int64_t)mean);
     bench_histogram_record(&w->span_ns, newest - oldest);
+    bench_histogram_record(&w->deviation_ns, variance > 0 ? (int64_t)sqrt(variance) : 0);
 }

@@ -31,11 +31,12 @@ enum { WORKER_STARTING, WORKER_READY, WORKER_FAILED };
 typedef struct {
     shmtf_word32 state, done; /* done: number of the last phase it took part in and finished */
     uint64_t reads, writes;   /* completed while measuring */
-    uint64_t retries, failures, checked, mixed;
+    uint64_t read_retries, write_retries, failures, checked, mixed;
     uint64_t cpu_ns;
     char error[BENCH_ERROR_SIZE]; /* why it failed, or the first operation that did */
     bench_histogram read_ns, write_ns;                /* latency */
-    bench_histogram age_oldest_ns, age_mean_ns, span_ns; /* of checked lookups: now - stamps, newest - oldest stamp */
+    bench_histogram age_oldest_ns, age_mean_ns; /* of checked lookups: now - stamps */
+    bench_histogram span_ns, deviation_ns;       /* of their stamps: newest - oldest, standard deviation */
 } bench_worker;
 
 typedef struct {
@@ -62,7 +63,7 @@ int64_t bench_control_next(bench_control *c, uint32_t last);
 void bench_worker_enter(bench_worker *w, bool ready);
 /* A worker's part of a phase, apart from the operations. */
 void bench_worker_begin(bench_control *c, uint32_t index);
-void bench_worker_end(bench_control *c, uint32_t index, uint64_t retries, uint64_t cpu_ns);
+void bench_worker_end(bench_control *c, uint32_t index, uint64_t read_retries, uint64_t write_retries, uint64_t cpu_ns);
 /* Look at the stamps of one lookup, [k] being that of frame first + 1 + k; `now_ns` is when it returned.  Stamps up to
  * start_ns are of the time before the phase: they say nothing about freshness, and belong to no update. */
 void bench_worker_check(bench_worker *w, const bench_shape *shape, uint32_t first, const int64_t *stamps, int64_t now_ns,

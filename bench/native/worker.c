@@ -17,7 +17,7 @@ typedef struct {
     uint32_t index;
     bench_random random;
     int64_t *stamps;
-    uint64_t retries0, cpu0;
+    uint64_t read_retries0, write_retries0, cpu0;
     bool measuring;
     uint32_t until_check;
 } worker;
@@ -30,11 +30,12 @@ static void sleep_until(int64_t ns) {
 static void begin_to_measure(worker *k) {
     k->measuring = true;
     k->cpu0 = (uint64_t)bench_clock_ns(CLOCK_THREAD_CPUTIME_ID);
-    k->retries0 = k->protocol->retries(k->client);
+    k->protocol->retries(k->client, &k->read_retries0, &k->write_retries0);
 }
 
 static bool read_once(worker *k, uint32_t first, bool check, char *error) {
-    return k->protocol->read(k->client, first, check ? k->stamps : NULL, error);
+    shmtf_pose out;
+    return k->protocol->read(k->client, first, &out, check ? k->stamps : NULL, error);
 }
 
 /* One operation, begun at begin_ns.  Returns when it ended. */
@@ -78,8 +79,14 @@ static void run_phase(worker *k) {
         sleep_until(now + period);
         now = bench_now_ns();
     }
-    uint64_t cpu = k->measuring ? (uint64_t)bench_clock_ns(CLOCK_THREAD_CPUTIME_ID) - k->cpu0 : 0;
-    bench_worker_end(k->control, k->index, k->measuring ? k->protocol->retries(k->client) - k->retries0 : 0, cpu);
+    uint64_t cpu = 0, reads = 0, writes = 0;
+    if (k->measuring) {
+        cpu = (uint64_t)bench_clock_ns(CLOCK_THREAD_CPUTIME_ID) - k->cpu0;
+        k->protocol->retries(k->client, &reads, &writes);
+        reads -= k->read_retries0;
+        writes -= k->write_retries0;
+    }
+    bench_worker_end(k->control, k->index, reads, writes, cpu);
 }
 
 /* The first write claims what a writer needs, and opens it by name. */

@@ -100,7 +100,7 @@ class PythonWorker:
         if measuring:
             aborts = self.store.counters()["aborts"] - aborts
             cpu = time.thread_time_ns() - cpu
-        control.end(index, aborts, cpu)
+        control.end(index, 0, aborts, cpu)
 
     def _is_checked(self) -> bool:
         every: int = self.told["check_every"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import statistics
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from . import BenchError
@@ -13,6 +14,27 @@ from ._report import check_writable, duration, progress, quantity, share, spread
 
 if TYPE_CHECKING:
     from ._team import Team
+
+
+@dataclass(frozen=True)
+class Workload:
+    """What is run: everything but the protocols and the numbers of processes."""
+
+    engine: str = "native"  # or "python"
+    frames: int = 10000
+    history: int = 16
+    read_len: int = 16
+    write_len: int = 16
+    by: str = "name"  # or "handle"
+    frequency: float = 0.0  # operations per second of one process; 0: no pause
+    opposite: bool = False
+    check_every: int = 8
+    read_ratio: float = 0.5
+    kind: str = "uniform"  # or "mixed-rate"
+    duration: float = 5.0
+    warm_up: float = 0.3
+    rounds: int = 3
+
 
 _WORKLOADS = {"A": 0.5, "B": 0.95, "C": 1.0}
 _LATENCY = ("mean", "p50", "p99", "p99_9", "max")
@@ -35,7 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--read-len", type=positive(int), default=16, metavar="N", help="edges per lookup (16)")
     add("--write-len", type=positive(int), default=16, metavar="N", help="frames per update (16)")
     add("--frequency", type=not_negative(float), default=0.0, metavar="HZ", help="per process; 0: no pause (0)")
-    add("--opposite-write", action="store_true", help="give updates from root to leaf; lookups climb from leaf to root")
+    add(
+        "--opposite-write",
+        dest="opposite",
+        action="store_true",
+        help="give updates from root to leaf; lookups climb from leaf to root",
+    )
     add("--duration", type=positive(float), default=5.0, metavar="S", help="seconds counted per round (5)")
     add("--warm-up", type=not_negative(float), default=0.3, metavar="S", help="seconds before that (0.3)")
     add("--rounds", type=positive(int), default=3, metavar="N", help="rounds, interleaved over the protocols (3)")
@@ -67,7 +94,7 @@ def _settle(args: argparse.Namespace) -> list[str]:
     if args.read_ratio is None:
         args.workload = args.workload or "A"
         args.read_ratio = _WORKLOADS[args.workload]
-    if args.opposite_write and "shmtf" in args.protocol:
+    if args.opposite and "shmtf" in args.protocol:
         notes.append("--opposite-write: shmtf locks in the order of frame ids whatever the order given")
     return notes
 
@@ -87,13 +114,15 @@ def _case(rounds: list[dict[str, Any]], duration_s: float) -> dict[str, Any]:
         "writes_per_s": spread(r["writes"] / duration_s for r in rounds),
         "read_ns": _middle(rounds, "read_ns"),
         "write_ns": _middle(rounds, "write_ns"),
-        "retries_per_write": _share(rounds, "retries", "writes"),
+        "retries_per_read": _share(rounds, "read_retries", "reads"),
+        "retries_per_write": _share(rounds, "write_retries", "writes"),
         "mixed_reads": _share(rounds, "mixed", "checked"),
         "checked_reads": sum(r["checked"] for r in rounds),
         "failures": sum(r["failures"] for r in rounds),
         "age_oldest_ns": _middle(rounds, "age_oldest_ns"),
         "age_mean_ns": _middle(rounds, "age_mean_ns"),
         "span_ns": _middle(rounds, "span_ns"),
+        "deviation_ns": _middle(rounds, "deviation_ns"),
         "cpu_share": spread(r["cpu_ns"] / 1e9 / duration_s for r in rounds),
         "cpu_ns_per_operation": spread(r["cpu_ns"] / max(1, r["reads"] + r["writes"]) for r in rounds),
         "least_operations": min(reads + writes for r in rounds for reads, writes in r["workers"]),
@@ -115,46 +144,47 @@ def _share(rounds: list[dict[str, Any]], part: str, whole: str) -> float | None:
     return sum(r[part] for r in rounds) / n if n else None
 
 
-def _measure(args: argparse.Namespace) -> list[dict[str, Any]]:
+def measure(workload: Workload, protocols: list[str], processes: list[int]) -> list[dict[str, Any]]:
+    """One case for each number of processes and each protocol, in this order."""
     from ._team import Job, Team
 
     job = Job(
-        engine=args.engine,
-        frames=args.frames,
-        history=args.history,
-        read_len=args.read_len,
-        write_len=args.write_len,
-        by_name=args.by == "name",
-        frequency=args.frequency,
-        opposite=args.opposite_write,
-        check_every=args.check_every,
+        engine=workload.engine,
+        frames=workload.frames,
+        history=workload.history,
+        read_len=workload.read_len,
+        write_len=workload.write_len,
+        by_name=workload.by == "name",
+        frequency=workload.frequency,
+        opposite=workload.opposite,
+        check_every=workload.check_every,
     )
     cases = []
-    for processes in args.processes:
-        with Team(job, args.protocol, processes) as team:  # fresh memory: what the last ones left in it does not count
-            cases += _measure_one(team, processes, args)
-        for case in cases[-len(args.protocol) :]:
+    for n in processes:
+        with Team(job, protocols, n) as team:  # fresh memory: what the last ones left in it does not count
+            cases += _measure_one(team, workload, protocols, n)
+        for case in cases[-len(protocols) :]:
             _print_failures(case)
     return cases
 
 
-def _measure_one(team: Team, processes: int, args: argparse.Namespace) -> list[dict[str, Any]]:
+def _measure_one(team: Team, workload: Workload, protocols: list[str], processes: int) -> list[dict[str, Any]]:
     """All protocols with this number of processes, round by round."""
     from .. import _bench
     from ._team import Phase
 
-    readers, coin = _roles(processes, args.read_ratio)
+    readers, coin = _roles(processes, workload.read_ratio)
     pinned = processes <= len(_bench.cpus())
-    found: list[list[dict[str, Any]]] = [[] for _ in args.protocol]
-    for k in range(args.rounds):
-        for protocol, name in enumerate(args.protocol):
-            progress(f"{processes} processes, round {k + 1} of {args.rounds}, {name} ...")
-            phase = Phase(protocol, processes, readers, coin, args.read_ratio, pinned)
-            found[protocol].append(team.run(phase, args.warm_up, args.duration, 1 + k))
+    found: list[list[dict[str, Any]]] = [[] for _ in protocols]
+    for k in range(workload.rounds):
+        for protocol, name in enumerate(protocols):
+            progress(f"{processes} processes, round {k + 1} of {workload.rounds}, {name} ...")
+            phase = Phase(protocol, processes, readers, coin, workload.read_ratio, pinned)
+            found[protocol].append(team.run(phase, workload.warm_up, workload.duration, 1 + k))
     roles = {"readers": None if coin else readers, "coin": coin, "pinned": pinned}
     return [
-        {"protocol": name, "processes": processes, **roles, **_case(rounds, args.duration)}
-        for name, rounds in zip(args.protocol, found, strict=True)
+        {"protocol": name, "processes": processes, **roles, **_case(rounds, workload.duration)}
+        for name, rounds in zip(protocols, found, strict=True)
     ]
 
 
@@ -233,7 +263,8 @@ def run(args: argparse.Namespace) -> int:
     for note in notes:
         print(f"note: {note}")
     print()
-    cases = _measure(args)
+    workload = Workload(**{key: value for key, value in vars(args).items() if key in Workload.__dataclass_fields__})
+    cases = measure(workload, args.protocol, args.processes)
     _print(cases, args)
     left_out = ("json", "command")
     parameters = {key: value for key, value in vars(args).items() if key not in left_out}

@@ -24,7 +24,7 @@
 #include "core/pose.h"
 #include "protocol.h"
 
-enum { N_POSES = 64, PERIOD_NS = 10000000 };
+enum { PERIOD_NS = 10000000 };
 
 typedef struct {
     uint32_t parent, depth;
@@ -47,7 +47,7 @@ struct bench_client {
     bench_shape shape;
     char (*names)[BENCH_NAME_SIZE];
     name_key *keys;
-    shmtf_pose poses[N_POSES];
+    shmtf_pose poses[BENCH_POSES];
     bool atomic;
 };
 
@@ -209,7 +209,7 @@ static bench_client *attach(const char *place, const bench_shape *shape, bool at
     c->names = calloc(shape->n_frames, sizeof *c->names);
     if (!c->names || !c->keys) return snprintf(error, BENCH_ERROR_SIZE, "no memory"), detach(c), NULL;
     for (uint32_t i = 0; i < shape->n_frames; i++) bench_frame_name(c->names[i], i);
-    for (uint32_t i = 0; i < N_POSES; i++) c->poses[i] = bench_pose(i, 0);
+    for (uint32_t i = 0; i < BENCH_POSES; i++) c->poses[i] = bench_written_pose(i);
     return c;
 }
 
@@ -242,13 +242,12 @@ static bool walk_locked(bench_client *c, uint32_t target, uint32_t source, int64
     return true;
 }
 
-static bool read_chain(bench_client *c, uint32_t first, int64_t *stamps, char error[BENCH_ERROR_SIZE]) {
+static bool read_chain(bench_client *c, uint32_t first, shmtf_pose *out, int64_t *stamps, char error[BENCH_ERROR_SIZE]) {
     name_key target, source;
-    shmtf_pose out;
     if (!make_key(c, first, &target) || !make_key(c, first + c->shape.read_len, &source)) return false;
     take(c->h);
     uint32_t to = resolve_locked(c, first, &target), from = resolve_locked(c, first + c->shape.read_len, &source);
-    bool ok = to != UINT32_MAX && from != UINT32_MAX && walk_locked(c, to, from, stamps, &out);
+    bool ok = to != UINT32_MAX && from != UINT32_MAX && walk_locked(c, to, from, stamps, out);
     give(c->h);
     if (!ok) snprintf(error, BENCH_ERROR_SIZE, "giant: no path");
     return ok;
@@ -270,7 +269,7 @@ static bool write_chain(bench_client *c, uint32_t first, int64_t stamp_ns, bool 
     if (c->atomic) take(c->h);
     for (uint32_t k = 0; k < n && ok; k++) {
         uint32_t i = opposite ? 1 + k : n - k;
-        shmtf_pose p = c->poses[(first + i) % N_POSES];
+        shmtf_pose p = c->poses[(first + i) % BENCH_POSES];
         ok = !pose_normalise(&p, &value);
         if (!c->atomic) take(c->h);
         ok = ok && write_locked(c, first, i, stamp_ns, arrival_ns, &p);
@@ -281,13 +280,16 @@ static bool write_chain(bench_client *c, uint32_t first, int64_t stamp_ns, bool 
     return ok;
 }
 
-static uint64_t retries(bench_client *c) { return (void)c, 0; }
+static void retries(bench_client *c, uint64_t *reads, uint64_t *writes) {
+    (void)c;
+    *reads = *writes = 0;
+}
 
 const bench_protocol bench_giant = {
-    "giant", "one process-shared robust mutex, taken for every frame written and for every lookup",
+    "giant", "one process-shared robust mutex, taken for every frame written and for every lookup", false, false,
     create, forget, attach_giant, detach, read_chain, write_chain, retries,
 };
 const bench_protocol bench_giant_atomic = {
-    "giant-atomic", "one process-shared robust mutex, taken once per update and for every lookup",
+    "giant-atomic", "one process-shared robust mutex, taken once per update and for every lookup", false, false,
     create, forget, attach_atomic, detach, read_chain, write_chain, retries,
 };

@@ -9,7 +9,6 @@
 #include "protocol.h"
 #include "snake.h"
 
-enum { N_POSES = 64 };
 static const int64_t CACHE_TIME_NS = 10000000000ll, TIMEOUT_NS = 1000000000;
 
 struct bench_client {
@@ -17,7 +16,7 @@ struct bench_client {
     bench_shape shape;
     shmtf_edge *edges;
     shmtf_transform *items;
-    shmtf_pose poses[N_POSES];
+    shmtf_pose poses[BENCH_POSES];
 };
 
 static bool say(char *text, const shmtf_error *e) {
@@ -55,11 +54,11 @@ static bench_client *attach(const char *place, const bench_shape *shape, char er
     c->items = calloc(shape->write_len, sizeof *c->items);
     if (!c->edges || !c->items) return snprintf(error, BENCH_ERROR_SIZE, "no memory"), detach(c), NULL;
     if (snake_attach(&c->k, place, shape->n_frames, &e) != SHMTF_OK) return say(error, &e), detach(c), NULL;
-    for (uint32_t i = 0; i < N_POSES; i++) c->poses[i] = bench_pose(i, 0);
+    for (uint32_t i = 0; i < BENCH_POSES; i++) c->poses[i] = bench_written_pose(i);
     return c;
 }
 
-static bool read_chain(bench_client *c, uint32_t first, int64_t *stamps, char error[BENCH_ERROR_SIZE]) {
+static bool read_chain(bench_client *c, uint32_t first, shmtf_pose *out, int64_t *stamps, char error[BENCH_ERROR_SIZE]) {
     uint32_t n = c->shape.read_len;
     shmtf_error e;
     shmtf_result r;
@@ -67,6 +66,7 @@ static bool read_chain(bench_client *c, uint32_t first, int64_t *stamps, char er
     r.max_edges = n;
     shmtf_ref target = snake_ref(&c->k, first, c->shape.by_name), source = snake_ref(&c->k, first + n, c->shape.by_name);
     if (shmtf_lookup_latest_transform(c->k.store, NULL, target, source, 0, &r, &e) != SHMTF_OK) return say(error, &e);
+    *out = r.pose;
     for (uint32_t i = 0; stamps && i < n; i++) stamps[n - 1 - i] = c->edges[i].stamp_ns; /* from the source upwards */
     return true;
 }
@@ -81,18 +81,19 @@ static bool write_chain(bench_client *c, uint32_t first, int64_t stamp_ns, bool 
         t->parent = snake_ref(&c->k, child - 1, c->shape.by_name);
         t->child = snake_ref(&c->k, child, c->shape.by_name);
         t->stamp_ns = stamp_ns;
-        t->pose = c->poses[child % N_POSES];
+        t->pose = c->poses[child % BENCH_POSES];
     }
     return shmtf_set_transforms(c->k.store, c->items, n, &options, NULL, &e) == SHMTF_OK || say(error, &e);
 }
 
-static uint64_t retries(bench_client *c) {
+static void retries(bench_client *c, uint64_t *reads, uint64_t *writes) {
     shmtf_counters counters;
     shmtf_get_counters(c->k.store, &counters);
-    return counters.aborts;
+    *reads = counters.rereads + counters.restarts;
+    *writes = counters.aborts;
 }
 
 const bench_protocol bench_shmtf = {
-    "shmtf", "this library: readers take no lock, writers lock per frame and commit with one word",
+    "shmtf", "this library: readers take no lock, writers lock per frame and commit with one word", false, false,
     create, unlink_name, attach, detach, read_chain, write_chain, retries,
 };

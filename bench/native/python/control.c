@@ -118,7 +118,8 @@ static PyObject *summary(const bench_histogram *h) {
 static void add_worker(bench_worker *sum, const bench_worker *w) {
     sum->reads += w->reads;
     sum->writes += w->writes;
-    sum->retries += w->retries;
+    sum->read_retries += w->read_retries;
+    sum->write_retries += w->write_retries;
     sum->failures += w->failures;
     sum->checked += w->checked;
     sum->mixed += w->mixed;
@@ -129,6 +130,7 @@ static void add_worker(bench_worker *sum, const bench_worker *w) {
     bench_histogram_add(&sum->age_oldest_ns, &w->age_oldest_ns);
     bench_histogram_add(&sum->age_mean_ns, &w->age_mean_ns);
     bench_histogram_add(&sum->span_ns, &w->span_ns);
+    bench_histogram_add(&sum->deviation_ns, &w->deviation_ns);
 }
 
 static PyObject *result(PyObject *self, PyObject *args) {
@@ -145,12 +147,14 @@ static PyObject *result(PyObject *self, PyObject *args) {
         Py_XDECREF(pair);
     }
     PyObject *dict = !sum || !each ? NULL
-        : Py_BuildValue("{s:K,s:K,s:K,s:K,s:K,s:K,s:K,s:s,s:O,s:N,s:N,s:N,s:N,s:N}", "reads", (unsigned long long)sum->reads, "writes",
-                        (unsigned long long)sum->writes, "retries", (unsigned long long)sum->retries, "failures",
+        : Py_BuildValue("{s:K,s:K,s:K,s:K,s:K,s:K,s:K,s:K,s:s,s:O,s:N,s:N,s:N,s:N,s:N,s:N}", "reads", (unsigned long long)sum->reads, "writes",
+                        (unsigned long long)sum->writes, "read_retries", (unsigned long long)sum->read_retries, "write_retries",
+                        (unsigned long long)sum->write_retries, "failures",
                         (unsigned long long)sum->failures, "checked", (unsigned long long)sum->checked, "mixed",
                         (unsigned long long)sum->mixed, "cpu_ns", (unsigned long long)sum->cpu_ns, "error", sum->error, "workers", each,
                         "read_ns", summary(&sum->read_ns), "write_ns", summary(&sum->write_ns), "age_oldest_ns",
-                        summary(&sum->age_oldest_ns), "age_mean_ns", summary(&sum->age_mean_ns), "span_ns", summary(&sum->span_ns));
+                        summary(&sum->age_oldest_ns), "age_mean_ns", summary(&sum->age_mean_ns), "span_ns", summary(&sum->span_ns), "deviation_ns",
+                        summary(&sum->deviation_ns));
     if (!sum && !PyErr_Occurred()) PyErr_NoMemory();
     PyMem_Free(sum);
     Py_XDECREF(each);
@@ -273,9 +277,9 @@ static PyObject *fail(PyObject *self, PyObject *args) {
 
 static PyObject *end(PyObject *self, PyObject *args) {
     unsigned index;
-    unsigned long long retries, cpu_ns;
-    if (!PyArg_ParseTuple(args, "IKK:end", &index, &retries, &cpu_ns) || !worker_at(self, index)) return NULL;
-    bench_worker_end(control_of(self), index, retries, cpu_ns);
+    unsigned long long reads, writes, cpu_ns;
+    if (!PyArg_ParseTuple(args, "IKKK:end", &index, &reads, &writes, &cpu_ns) || !worker_at(self, index)) return NULL;
+    bench_worker_end(control_of(self), index, reads, writes, cpu_ns);
     return Py_NewRef(Py_None);
 }
 
@@ -307,7 +311,7 @@ static PyMethodDef methods[] = {
     {"operation", operation, METH_VARARGS, PyDoc_STR("operation(index, reads, ns)\n--\n\nCount one.  True: leave.")},
     {"check", check, METH_VARARGS, PyDoc_STR("check(index, write_len, first, stamps, now_ns, start_ns)\n--\n\nLook at a lookup's stamps.")},
     {"fail", fail, METH_VARARGS, PyDoc_STR("fail(index, why)\n--\n\nCount a failure.")},
-    {"end", end, METH_VARARGS, PyDoc_STR("end(index, retries, cpu_ns)\n--\n\nThe phase is done.")},
+    {"end", end, METH_VARARGS, PyDoc_STR("end(index, read_retries, write_retries, cpu_ns)\n--\n\nThe phase is done.")},
     {"update_stamp", update_stamp, METH_VARARGS | METH_STATIC,
      PyDoc_STR("update_stamp(write_len, first, now_ns)\n--\n\nThe stamp of an update of the frames after `first`.")},
     {NULL, NULL, 0, NULL},

@@ -56,11 +56,20 @@ static PyObject *protocols(PyObject *module, PyObject *unused) {
     PyObject *dict = PyDict_New();
     const bench_protocol *p;
     for (size_t i = 0; dict && (p = bench_protocol_at(i)); i++) {
-        PyObject *what = PyUnicode_FromString(p->what);
-        if (!what || PyDict_SetItemString(dict, p->name, what) < 0) Py_CLEAR(dict);
-        Py_XDECREF(what);
+        PyObject *traits = Py_BuildValue("(sOO)", p->what, p->threads ? Py_True : Py_False, p->common_time ? Py_True : Py_False);
+        if (!traits || PyDict_SetItemString(dict, p->name, traits) < 0) Py_CLEAR(dict);
+        Py_XDECREF(traits);
     }
     return dict;
+}
+
+static PyObject *load(PyObject *module, PyObject *text) {
+    char error[BENCH_ERROR_SIZE];
+    const char *path = PyUnicode_AsUTF8AndSize(text, NULL);
+    (void)module;
+    if (!path) return NULL;
+    const bench_protocol *p = bench_protocol_load(path, error);
+    return p ? PyUnicode_FromString(p->name) : PyErr_Format(PyExc_OSError, "%s", error);
 }
 
 static const bench_protocol *protocol_named(const char *name) {
@@ -133,7 +142,8 @@ static PyMethodDef functions[] = {
     {"micro", micro, METH_VARARGS,
      PyDoc_STR("micro(frames, history, rounds, round_ns, cpu)\n--\n\n"
                "[(name, what, floor, median_ns, min_ns, max_ns, ratio)]; None: shared memory is too small for it.")},
-    {"protocols", protocols, METH_NOARGS, PyDoc_STR("protocols()\n--\n\n{name: what it is}")},
+    {"protocols", protocols, METH_NOARGS, PyDoc_STR("protocols()\n--\n\n{name: (what it is, its workers are threads, lookups are at a common time)}")},
+    {"load", load, METH_O, PyDoc_STR("load(path)\n--\n\nAdd the peer in a shared library; returns its name.")},
     {"create", create, METH_VARARGS,
      PyDoc_STR("create(protocol, name, frames, history, read_len, write_len)\n--\n\n"
                "Make a protocol's shared memory; returns what workers attach to.")},
