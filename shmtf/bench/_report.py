@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import statistics
 import sys
+import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,12 +15,24 @@ from typing import Any
 from . import BenchError
 
 SCHEMA = "shmtf-bench/1"
+_QUANTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999}
+_BAR_WIDTH = 20
+_SOON = 0.02  # share of the work below which nothing is said about the time left
 
 
 def spread(values: Iterable[float]) -> dict[str, float]:
     """Median, smallest and largest."""
     all_values = list(values)
     return {"median": statistics.median(all_values), "min": min(all_values), "max": max(all_values)}
+
+
+def distribution(values: Sequence[float]) -> dict[str, float] | None:
+    """The numbers that a histogram in C gives; None: no values."""
+    if not values:
+        return None
+    ordered = sorted(values)
+    at = {name: ordered[min(len(ordered) - 1, int(q * len(ordered)))] for name, q in _QUANTILES.items()}
+    return {"count": len(ordered), "mean": statistics.fmean(ordered), **at, "max": ordered[-1]}
 
 
 def quantity(value: float | None, digits: int = 3) -> str:
@@ -66,10 +80,57 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, ind
     return "\n".join(lines)
 
 
+_bars: list[Bar] = []  # from the outermost to the innermost
+
+
+class Bar:
+    """How much of a piece of work is done, in steps; within a step another bar may count finer ones."""
+
+    def __init__(self, total: float) -> None:
+        self.total = total
+        self._done = self._step = 0.0
+        self._start = time.monotonic()
+
+    def __enter__(self) -> Bar:
+        _bars.append(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        _bars.remove(self)
+        progress("")
+
+    def begin(self, text: str, weight: float = 1.0) -> None:
+        """The step before is done, one of this weight begins."""
+        self._done += self._step
+        self._step = weight
+        progress(text)
+
+    def share(self, inner: float) -> float:
+        return min(1.0, (self._done + self._step * inner) / self.total)
+
+    def elapsed_s(self) -> float:
+        return time.monotonic() - self._start
+
+
+def _bar_text() -> str:
+    if not _bars:
+        return ""
+    part = 0.0
+    for bar in reversed(_bars):
+        part = bar.share(part)
+    filled = round(part * _BAR_WIDTH)
+    text = f"[{'=' * filled}{' ' * (_BAR_WIDTH - filled)}] {100 * part:3.0f} % "
+    if part > _SOON:
+        left_s = round(_bars[0].elapsed_s() * (1 - part) / part)
+        text += f"{left_s // 60}:{left_s % 60:02} left "
+    return text
+
+
 def progress(text: str) -> None:
-    """One line that is overwritten, where somebody watches."""
+    """One line that is overwritten, where somebody watches: the bar, if there is one, and what is being done."""
     if sys.stderr.isatty():
-        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+        line = (_bar_text() + text)[: shutil.get_terminal_size().columns - 1] if text else ""
+        print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
 
 
 def check_writable(path: str | None) -> None:
