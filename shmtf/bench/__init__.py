@@ -15,6 +15,8 @@ __all__ = ["main"]
 # each module has add_arguments(parser) and run(args) -> exit code
 _COMMANDS = {
     "micro": "what one call costs, beside the floor measured in the same run",
+    "idle": "what processes cost that do nothing, while another one writes",
+    "recover": "from the kill of a writer until the next one has written the same frames",
     "wakeup": "from a commit until a process that waits for it runs again",
     "ycsb": "the thesis' workloads over real processes on one segment",
 }
