@@ -82,10 +82,10 @@ def _batch(frames: int, n: int, choose: random.Random, bar: Bar, done: str) -> l
     name = f"shmtf-bench-{os.getpid()}-recover"
     with Crew() as crew, shmtf.Store.create(name, frames + 8, 16, stream_bytes=0) as store:
         try:
+            update = _update(frames)
+            store.set_transforms(update)  # the frames are there: what a victim is killed in is no birth
             victims = [crew.add("recover", "victim", store=name, frames=frames) for _ in range(n)]
             crew.hear_all()
-            update = _update(frames)
-            store.set_transforms(update)
         finally:
             shmtf.Store.unlink(name)
         kills = []
