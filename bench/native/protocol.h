@@ -44,7 +44,7 @@ typedef struct {
     void (*retries)(bench_client *c, uint64_t *reads, uint64_t *writes);
 } bench_protocol;
 
-extern const bench_protocol bench_shmtf, bench_giant, bench_giant_atomic;
+extern const bench_protocol bench_shmtf, bench_shmtf_common, bench_giant, bench_giant_atomic, bench_snapshot, bench_latest, bench_silo;
 
 /* NULL if there is no such protocol; n counts up from 0. */
 const bench_protocol *bench_protocol_at(size_t n);

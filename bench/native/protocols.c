@@ -5,7 +5,8 @@
 #include <dlfcn.h>
 #include <string.h>
 
-static const bench_protocol *const OURS[] = {&bench_shmtf, &bench_giant, &bench_giant_atomic};
+static const bench_protocol *const OURS[] = {&bench_shmtf,    &bench_shmtf_common, &bench_giant, &bench_giant_atomic,
+                                            &bench_snapshot, &bench_latest,       &bench_silo};
 enum { N_OURS = sizeof OURS / sizeof *OURS, MAX_PEERS = 8 };
 
 static const bench_protocol *peers[MAX_PEERS];

@@ -118,7 +118,7 @@ def test_control_refuses(control: _bench.Control) -> None:
     with pytest.raises(OSError):
         _bench.Control("/proc/self/fd/none")
     with pytest.raises(ValueError):
-        _bench.create("silo", "x", 100, 8, 4, 4)
+        _bench.create("cicada", "x", 100, 8, 4, 4)
 
 
 def test_round_trip_between_two_cpus() -> None:

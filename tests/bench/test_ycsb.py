@@ -132,7 +132,7 @@ def test_nothing_is_left(contended: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "args",
     [
-        ["--protocol", "silo"],
+        ["--protocol", "cicada"],
         ["--workload", "D"],
         ["--read-ratio", "1.5"],
         ["--processes", "0"],

@@ -58,7 +58,7 @@ static bench_client *attach(const char *place, const bench_shape *shape, char er
     return c;
 }
 
-static bool read_chain(bench_client *c, uint32_t first, shmtf_pose *out, int64_t *stamps, char error[BENCH_ERROR_SIZE]) {
+static bool read_latest(bench_client *c, uint32_t first, shmtf_pose *out, int64_t *stamps, char error[BENCH_ERROR_SIZE]) {
     uint32_t n = c->shape.read_len;
     shmtf_error e;
     shmtf_result r;
@@ -68,6 +68,18 @@ static bool read_chain(bench_client *c, uint32_t first, shmtf_pose *out, int64_t
     if (shmtf_lookup_latest_transform(c->k.store, NULL, target, source, 0, &r, &e) != SHMTF_OK) return say(error, &e);
     *out = r.pose;
     for (uint32_t i = 0; stamps && i < n; i++) stamps[n - 1 - i] = c->edges[i].stamp_ns; /* from the source upwards */
+    return true;
+}
+
+static bool read_common(bench_client *c, uint32_t first, shmtf_pose *out, int64_t *stamps, char error[BENCH_ERROR_SIZE]) {
+    uint32_t n = c->shape.read_len;
+    shmtf_error e;
+    shmtf_result r;
+    r.edges = NULL;
+    shmtf_ref target = snake_ref(&c->k, first, c->shape.by_name), source = snake_ref(&c->k, first + n, c->shape.by_name);
+    if (shmtf_lookup_transform(c->k.store, NULL, target, source, NULL, 0, &r, &e) != SHMTF_OK) return say(error, &e);
+    *out = r.pose;
+    for (uint32_t i = 0; stamps && i < n; i++) stamps[i] = r.stamp_ns;
     return true;
 }
 
@@ -94,6 +106,25 @@ static void retries(bench_client *c, uint64_t *reads, uint64_t *writes) {
 }
 
 const bench_protocol bench_shmtf = {
-    "shmtf", "this library: readers take no lock, writers lock per frame and commit with one word", false, false,
-    create, unlink_name, attach, detach, read_chain, write_chain, retries,
+    .name = "shmtf",
+    .what = "this library: readers take no lock, writers lock per frame and commit with one word",
+    .create = create,
+    .remove = unlink_name,
+    .attach = attach,
+    .detach = detach,
+    .read = read_latest,
+    .write = write_chain,
+    .retries = retries,
+};
+const bench_protocol bench_shmtf_common = {
+    .name = "shmtf-common",
+    .what = "this library, lookups at the newest time common to all edges, interpolated",
+    .common_time = true,
+    .create = create,
+    .remove = unlink_name,
+    .attach = attach,
+    .detach = detach,
+    .read = read_common,
+    .write = write_chain,
+    .retries = retries,
 };
