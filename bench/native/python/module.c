@@ -6,6 +6,7 @@
 #include "line.h"
 #include "micro.h"
 #include "protocol.h"
+#include "scale.h"
 
 #if defined(__clang__)
 #define COMPILER __VERSION__
@@ -44,6 +45,36 @@ static PyObject *micro(PyObject *module, PyObject *args) {
     for (size_t i = 0; list && i < n; i++) {
         const micro_row *r = &rows[i];
         PyObject *row = Py_BuildValue("(sszdddd)", r->name, r->what, r->floor, r->ns.median, r->ns.min, r->ns.max, r->ratio);
+        if (!row || PyList_Append(list, row) < 0) Py_CLEAR(list);
+        Py_XDECREF(row);
+    }
+    return list;
+}
+
+static PyObject *scale(PyObject *module, PyObject *args) {
+    scale_options o;
+    scale_row rows[SCALE_N_ROWS];
+    shmtf_error e;
+    shmtf_status st;
+    char message[512];
+    long long round_ns;
+    (void)module;
+    memset(&o, 0, sizeof o);
+    if (!PyArg_ParseTuple(args, "IIIiLi:scale", &o.n_frames, &o.history, &o.depth, &o.rounds, &round_ns, &o.cpu)) return NULL;
+    o.round_ns = round_ns;
+    if (!o.depth || o.depth >= o.n_frames || o.history < SCALE_MIN_HISTORY || o.rounds < 1 || o.rounds > SCALE_MAX_ROUNDS || round_ns < 1)
+        return PyErr_Format(PyExc_ValueError, "at least 1 edge and more frames than edges, %d records, 1 to %d rounds", SCALE_MIN_HISTORY,
+                            SCALE_MAX_ROUNDS);
+    Py_BEGIN_ALLOW_THREADS
+    st = scale_run(&o, rows, &e);
+    bench_unpin();
+    Py_END_ALLOW_THREADS
+    if (st == SHMTF_FULL) return Py_NewRef(Py_None);
+    if (st != SHMTF_OK) return PyErr_Format(PyExc_RuntimeError, "%s", shmtf_error_message(&e, message, sizeof message));
+    PyObject *list = PyList_New(0);
+    for (size_t i = 0; list && i < SCALE_N_ROWS; i++) {
+        const scale_row *r = &rows[i];
+        PyObject *row = Py_BuildValue("(ssddd)", r->name, r->what, r->ns.median, r->ns.min, r->ns.max);
         if (!row || PyList_Append(list, row) < 0) Py_CLEAR(list);
         Py_XDECREF(row);
     }
@@ -142,6 +173,9 @@ static PyMethodDef functions[] = {
     {"micro", micro, METH_VARARGS,
      PyDoc_STR("micro(frames, history, rounds, round_ns, cpu)\n--\n\n"
                "[(name, what, floor, median_ns, min_ns, max_ns, ratio)]; None: shared memory is too small for it.")},
+    {"scale", scale, METH_VARARGS,
+     PyDoc_STR("scale(frames, history, depth, rounds, round_ns, cpu)\n--\n\n"
+               "[(name, what, median_ns, min_ns, max_ns)]; None: shared memory is too small for it.")},
     {"protocols", protocols, METH_NOARGS, PyDoc_STR("protocols()\n--\n\n{name: (what it is, its workers are threads, lookups are at a common time)}")},
     {"load", load, METH_O, PyDoc_STR("load(path)\n--\n\nAdd the peer in a shared library; returns its name.")},
     {"create", create, METH_VARARGS,
