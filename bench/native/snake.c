@@ -48,12 +48,26 @@ shmtf_status snake_make(snake *k, const char *name, uint32_t n_frames, uint32_t 
     return st;
 }
 
+/* All frames in the order of the chain, so that neighbours are neighbours in memory. */
+static shmtf_status make_frames(snake *k, shmtf_error *e) {
+    shmtf_info info;
+    shmtf_status st = shmtf_get_info(k->store, &info, e);
+    for (uint32_t i = 0; st == SHMTF_OK && i < k->n_frames; i++)
+        st = shmtf_declare_frame(k->store, k->names[i], info.config.history, NULL, e);
+    return st;
+}
+
 shmtf_status snake_fill(snake *k, uint32_t n_rounds, int64_t end_ns, shmtf_error *e) {
     shmtf_transform items[FILL_BATCH];
+    uint32_t n_batches = (k->n_frames - 1 + FILL_BATCH - 1) / FILL_BATCH;
     memset(items, 0, sizeof items);
     k->start_ns = end_ns - (int64_t)n_rounds * PERIOD_NS;
+    shmtf_status st = make_frames(k, e);
+    if (st != SHMTF_OK) return st;
     for (uint32_t round = 0; round < n_rounds; round++)
-        for (uint32_t first = 0; first + 1 < k->n_frames; first += FILL_BATCH) {
+        for (uint32_t batch = 0; batch < n_batches; batch++) {
+            /* A new edge is checked for a cycle up to the root: the first round goes from the leaf, where that is short. */
+            uint32_t first = FILL_BATCH * (round == 0 ? n_batches - 1 - batch : batch);
             uint32_t n = k->n_frames - 1 - first < FILL_BATCH ? k->n_frames - 1 - first : FILL_BATCH;
             for (uint32_t i = 0; i < n; i++) {
                 uint32_t child = first + i + 1;
@@ -63,7 +77,7 @@ shmtf_status snake_fill(snake *k, uint32_t n_rounds, int64_t end_ns, shmtf_error
                 items[i].pose = bench_pose(child, items[i].stamp_ns);
                 k->newest_ns[child] = items[i].stamp_ns;
             }
-            shmtf_status st = shmtf_set_transforms(k->store, items, n, NULL, NULL, e);
+            st = shmtf_set_transforms(k->store, items, n, NULL, NULL, e);
             if (st != SHMTF_OK) return st;
             for (uint32_t i = 0; round == 0 && i < n; i++) {
                 k->frames[first + i] = items[i].parent.frame;
