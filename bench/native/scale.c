@@ -32,16 +32,16 @@ static void check(bench *b, shmtf_status st) {
     if (st != SHMTF_OK) b->failed = true;
 }
 
-static void latest(bench *b, bool by_name) {
+static void latest_from(bench *b, uint32_t first, bool by_name) {
     shmtf_result r;
-    uint32_t first = start(b, b->depth);
     r.edges = NULL;
     check(b, shmtf_lookup_latest_transform(b->k.store, NULL, snake_ref(&b->k, first, by_name),
                                            snake_ref(&b->k, first + b->depth, by_name), 0, &r, &b->e));
     b->sink = r.pose;
 }
-static void latest_handle(bench *b) { latest(b, false); }
-static void latest_name(bench *b) { latest(b, true); }
+static void latest_handle(bench *b) { latest_from(b, start(b, b->depth), false); }
+static void latest_name(bench *b) { latest_from(b, start(b, b->depth), true); }
+static void latest_at_leaf(bench *b) { latest_from(b, b->k.n_frames - 1 - b->depth, false); }
 
 static void any_time(bench *b) {
     shmtf_result r;
@@ -70,13 +70,14 @@ static const struct {
     const char *name, *what;
     void (*call)(bench *b);
 } ROWS[] = {
+    {"first", "the first lookup of a process, at the leaf: it learns how deep each frame is", latest_at_leaf},
     {"latest handle", "lookup of the newest, by handle", latest_handle},
     {"latest name", "the same by name", latest_name},
     {"any time handle", "lookup anywhere in the history, by handle", any_time},
     {"write 1", "update of one frame, by handle", write_1},
     {"write depth", "update of as many frames as a lookup has edges", write_depth},
 };
-enum { N_ROWS = sizeof ROWS / sizeof *ROWS, N_READS = 3 };
+enum { N_ROWS = sizeof ROWS / sizeof *ROWS, FIRST = 0, READS = 1, WRITES = 4 };
 _Static_assert((int)N_ROWS == (int)SCALE_N_ROWS, "all rows");
 
 /* By this thread's processor time: what other processes do meanwhile does not count, except to the caches. */
@@ -113,17 +114,19 @@ static shmtf_status prepare(bench *b, const scale_options *o, shmtf_error *e) {
     return st;
 }
 
-static shmtf_status run(bench *b, const scale_options *o, scale_row *rows, shmtf_error *e) {
+static double measure_once(bench *b, size_t row) {
+    int64_t begin = bench_clock_ns(CLOCK_THREAD_CPUTIME_ID);
+    ROWS[row].call(b);
+    return (double)(bench_clock_ns(CLOCK_THREAD_CPUTIME_ID) - begin);
+}
+
+/* Rows from one to before another, interleaved. */
+static void run(bench *b, const scale_options *o, size_t from, size_t to, scale_row *rows) {
     double ns[N_ROWS][SCALE_MAX_ROUNDS];
-    for (size_t part = 0; part < N_ROWS; part = part ? N_ROWS : N_READS)
-        for (int round = 0; round < o->rounds; round++)
-            for (size_t i = part; i < (part ? N_ROWS : N_READS); i++) {
-                ns[i][round] = measure(b, i, o->round_ns);
-                if (b->failed) return *e = b->e, b->e.status;
-            }
-    for (size_t i = 0; i < N_ROWS; i++)
+    for (int round = 0; round < o->rounds; round++)
+        for (size_t i = from; i < to; i++) ns[i][round] = measure(b, i, o->round_ns);
+    for (size_t i = from; i < to; i++)
         rows[i] = (scale_row){ROWS[i].name, ROWS[i].what, bench_spread_of(ns[i], (size_t)o->rounds)};
-    return SHMTF_OK;
 }
 
 shmtf_status scale_run(const scale_options *options, scale_row rows[SCALE_N_ROWS], shmtf_error *e) {
@@ -131,7 +134,13 @@ shmtf_status scale_run(const scale_options *options, scale_row rows[SCALE_N_ROWS
     memset(&b, 0, sizeof b);
     bench_pin(bench_cpu_allowed(options->cpu));
     shmtf_status st = prepare(&b, options, e);
-    if (st == SHMTF_OK) st = run(&b, options, rows, e);
+    if (st == SHMTF_OK) {
+        double first_ns = measure_once(&b, FIRST);
+        rows[FIRST] = (scale_row){ROWS[FIRST].name, ROWS[FIRST].what, {first_ns, first_ns, first_ns}};
+        run(&b, options, READS, WRITES, rows);
+        run(&b, options, WRITES, N_ROWS, rows);
+        if (b.failed) *e = b.e, st = b.e.status;
+    }
     free(b.items);
     snake_free(&b.k);
     return st;

@@ -7,7 +7,7 @@
 
 #include "common.h"
 
-enum { SCALE_N_ROWS = 5, SCALE_MAX_ROUNDS = 99, SCALE_MIN_HISTORY = 4 };
+enum { SCALE_N_ROWS = 6, SCALE_MAX_ROUNDS = 99, SCALE_MIN_HISTORY = 4 };
 
 typedef struct {
     uint32_t n_frames, history;
