@@ -15,19 +15,12 @@ from .. import _bench
 
 
 def _work_in_c(control: _bench.Control, told: dict[str, Any]) -> bool:
-    return control.work(
-        told["index"],
-        told["parent"],
-        [(name, place) for name, place in told["protocols"]],
-        told["frames"],
-        told["history"],
-        told["read_len"],
-        told["write_len"],
-        told["by_name"],
-        told["frequency"],
-        told["opposite"],
-        told["check_every"],
-    )
+    for path in told["libraries"]:
+        _bench.load(path)
+    told["protocols"] = [tuple(pair) for pair in told["protocols"]]
+    if told["hosted"]:
+        return control.host(told["parent"], told)
+    return control.work(told["index"], told["parent"], told)
 
 
 class PythonWorker:

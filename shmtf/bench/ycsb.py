@@ -4,16 +4,22 @@
 from __future__ import annotations
 
 import argparse
-import statistics
-from dataclasses import dataclass
+import os
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from . import BenchError
 from ._arguments import counts, not_negative, positive, ratio, words
-from ._report import check_writable, duration, progress, quantity, share, spread, table, write_json
+from ._report import Bar, check_writable, write_json
 
 if TYPE_CHECKING:
     from ._team import Team
+
+MOST_PROCESSES = 1024
+_RATIOS = {"A": 0.5, "B": 0.95, "C": 1.0, "mixed-rate": 0.5}
+_RECORD_BYTES = 104  # of a ring, per slot
+_AT_ONCE_BYTES = 2 << 30  # memory that rounds interleaved over the numbers of processes may take
 
 
 @dataclass(frozen=True)
@@ -36,26 +42,30 @@ class Workload:
     rounds: int = 3
 
 
-_WORKLOADS = {"A": 0.5, "B": 0.95, "C": 1.0}
-_LATENCY = ("mean", "p50", "p99", "p99_9", "max")
+# a robot's chain; a history that covers two periods of the slow edge at the fastest rate
+MIXED_RATE = Workload(kind="mixed-rate", frames=65, history=512, write_len=1)
 
 
 def _protocols() -> list[str]:
-    from .. import _bench
+    from . import _protocols
 
-    return list(_bench.protocols())
+    return list(dict.fromkeys([*_protocols.names("native"), *_protocols.names("python")]))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--workload", choices=list(_WORKLOADS), help="A 50 %%, B 95 %%, C 100 %% reads (A)")
+    which.add_argument(
+        "--workload",
+        choices=list(_RATIOS),
+        help="A 50 %%, B 95 %%, C 100 %% reads; mixed-rate: one edge at 1 Hz, the others at 30 to 200 Hz (A)",
+    )
     which.add_argument("--read-ratio", type=ratio, metavar="R", help="another share of reads")
     add("--processes", type=counts(1), default=[1, 2, 4, 8], metavar="N,N", help="(1,2,4,8)")
-    add("--frames", type=positive(int, 1e7), default=10000, metavar="N", help="frames of the chain (10000)")
-    add("--history", type=positive(int, 1e6), default=16, metavar="N", help="records kept per frame (16)")
+    add("--frames", type=positive(int, 1e7), metavar="N", help="frames of the chain (10000; mixed-rate: 65)")
+    add("--history", type=positive(int, 1e6), metavar="N", help="records kept per frame (16; mixed-rate: 512)")
     add("--read-len", type=positive(int), default=16, metavar="N", help="edges per lookup (16)")
-    add("--write-len", type=positive(int), default=16, metavar="N", help="frames per update (16)")
+    add("--write-len", type=positive(int), metavar="N", help="frames per update (16; mixed-rate: 1)")
     add("--frequency", type=not_negative(float), default=0.0, metavar="HZ", help="per process; 0: no pause (0)")
     add(
         "--opposite-write",
@@ -65,8 +75,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--duration", type=positive(float), default=5.0, metavar="S", help="seconds counted per round (5)")
     add("--warm-up", type=not_negative(float), default=0.3, metavar="S", help="seconds before that (0.3)")
-    add("--rounds", type=positive(int), default=3, metavar="N", help="rounds, interleaved over the protocols (3)")
-    add("--protocol", type=words(_protocols), default=["shmtf", "giant"], metavar="P,P", help="(shmtf,giant)")
+    add("--rounds", type=positive(int), default=3, metavar="N", help="rounds, interleaved over all rows (3)")
+    add("--protocol", type=words(_protocols), metavar="P,P", help="some of those that --list shows (shmtf,giant)")
+    add("--list", action="store_true", help="say which protocols there are, and stop")
     add("--engine", choices=["native", "python"], default="native", help="loops in C, or what a Python node gets")
     add("--by", choices=["name", "handle"], default="name", help="how operations give their frames (name)")
     add(
@@ -79,73 +90,71 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--json", metavar="FILE", help="write the result there")
 
 
-def _settle(args: argparse.Namespace) -> list[str]:
-    """Check what argparse cannot, and return what the reader must be told."""
-    notes = []
-    if max(args.read_len, args.write_len) >= args.frames:
-        raise BenchError("--frames must be more than --read-len and --write-len")
-    if args.engine == "python":
-        if args.protocol == ["shmtf", "giant"]:
-            args.protocol = ["shmtf"]
-            notes.append("the Python engine drives shmtf only: the other protocols exist in C")
-        if args.protocol != ["shmtf"]:
-            raise BenchError("--engine python drives --protocol shmtf only: the other protocols exist in C")
-        args.by = "name"
-    if args.read_ratio is None:
-        args.workload = args.workload or "A"
-        args.read_ratio = _WORKLOADS[args.workload]
-    if args.opposite and "shmtf" in args.protocol:
-        notes.append("--opposite-write: shmtf locks in the order of frame ids whatever the order given")
-    return notes
+# ---- measuring ----
 
 
-def _roles(processes: int, read_ratio: float) -> tuple[int, bool]:
+def _roles(processes: int, workload: Workload) -> tuple[int, bool]:
     """How many only read; and whether, the rarer kind being less than one process, a coin decides each operation."""
-    rarer = min(read_ratio, 1 - read_ratio) * processes
+    ratio = workload.read_ratio
+    if workload.kind == "mixed-rate":
+        return min(processes - 1, max(1, round(ratio * processes))), False
+    rarer = min(ratio, 1 - ratio) * processes
     if 0 < rarer < 1 - 1e-9:
         return 0, True
-    return round(read_ratio * processes), False
+    return round(ratio * processes), False
 
 
-def _case(rounds: list[dict[str, Any]], duration_s: float) -> dict[str, Any]:
-    """All rounds of one protocol and number of processes."""
-    return {
-        "reads_per_s": spread(r["reads"] / duration_s for r in rounds),
-        "writes_per_s": spread(r["writes"] / duration_s for r in rounds),
-        "read_ns": _middle(rounds, "read_ns"),
-        "write_ns": _middle(rounds, "write_ns"),
-        "retries_per_read": _share(rounds, "read_retries", "reads"),
-        "retries_per_write": _share(rounds, "write_retries", "writes"),
-        "mixed_reads": _share(rounds, "mixed", "checked"),
-        "checked_reads": sum(r["checked"] for r in rounds),
-        "failures": sum(r["failures"] for r in rounds),
-        "age_oldest_ns": _middle(rounds, "age_oldest_ns"),
-        "age_mean_ns": _middle(rounds, "age_mean_ns"),
-        "span_ns": _middle(rounds, "span_ns"),
-        "deviation_ns": _middle(rounds, "deviation_ns"),
-        "cpu_share": spread(r["cpu_ns"] / 1e9 / duration_s for r in rounds),
-        "cpu_ns_per_operation": spread(r["cpu_ns"] / max(1, r["reads"] + r["writes"]) for r in rounds),
-        "least_operations": min(reads + writes for r in rounds for reads, writes in r["workers"]),
-        "rounds": rounds,
-    }
+def _check(workload: Workload, protocols: list[str], processes: list[int]) -> None:
+    from ._protocols import names
 
-
-def _middle(rounds: list[dict[str, Any]], key: str) -> dict[str, float] | None:
-    """Median over the rounds of each number of a histogram, but the largest of the largest."""
-    found = [r[key] for r in rounds if r[key]]
-    if not found:
-        return None
-    middle = {name: statistics.median(f[name] for f in found) for name in ("count", "mean", "p50", "p99", "p99_9")}
-    return {**middle, "max": max(f["max"] for f in found)}
-
-
-def _share(rounds: list[dict[str, Any]], part: str, whole: str) -> float | None:
-    n = sum(r[whole] for r in rounds)
-    return sum(r[part] for r in rounds) / n if n else None
+    if max(workload.read_len, workload.write_len) >= workload.frames:
+        raise BenchError(
+            f"{workload.frames} frames: must be more than the edges of a lookup ({workload.read_len}) "
+            f"and the frames of an update ({workload.write_len})"
+        )
+    if max(processes) > MOST_PROCESSES:
+        raise BenchError(f"{max(processes)} processes: at most {MOST_PROCESSES}")
+    for protocol in protocols:
+        if protocol not in names(workload.engine):
+            raise BenchError(f"--engine {workload.engine} has no {protocol}, but: {', '.join(names(workload.engine))}")
+    if workload.kind != "mixed-rate":
+        return
+    if workload.engine != "native":
+        raise BenchError("mixed-rate runs with --engine native only")
+    if workload.write_len != 1:
+        raise BenchError(f"--write-len {workload.write_len}: mixed-rate writes one frame at a time, each at its rate")
+    if min(processes) < 2:
+        raise BenchError("mixed-rate needs a reader and a writer: --processes 2 or more")
+    if not workload.warm_up:
+        raise BenchError("--warm-up 0: mixed-rate needs some, in which every edge is written once")
 
 
 def measure(workload: Workload, protocols: list[str], processes: list[int]) -> list[dict[str, Any]]:
     """One case for each number of processes and each protocol, in this order."""
+    _check(workload, protocols, processes)
+    chunks = [processes] if _fits_at_once(workload, len(protocols) * len(processes)) else [[n] for n in processes]
+    cases: list[dict[str, Any]] = []
+    with Bar(workload.rounds * len(protocols) * len(processes)) as bar:
+        for chunk in chunks:
+            cases += _measure_interleaved(workload, protocols, chunk, bar)
+    for case in cases:
+        _print_failures(case)
+    return cases
+
+
+def _fits_at_once(workload: Workload, n_stores: int) -> bool:
+    """May the memory of all rows exist at the same time?"""
+    free = os.statvfs("/dev/shm")
+    room = min(_AT_ONCE_BYTES, free.f_bavail * free.f_frsize // 4)
+    return n_stores * workload.frames * 2 * workload.history * _RECORD_BYTES < room
+
+
+def _measure_interleaved(
+    workload: Workload, protocols: list[str], processes: list[int], bar: Bar
+) -> list[dict[str, Any]]:
+    """Every row once per round, so that a disturbance hits a round and not a row; each round begins with another."""
+    from ._cases import case
+    from ._protocols import has_common_time
     from ._team import Job, Team
 
     job = Job(
@@ -157,35 +166,39 @@ def measure(workload: Workload, protocols: list[str], processes: list[int]) -> l
         by_name=workload.by == "name",
         frequency=workload.frequency,
         opposite=workload.opposite,
+        mixed_rate=workload.kind == "mixed-rate",
         check_every=workload.check_every,
     )
+    rows = [(n, name) for n in processes for name in protocols]
+    found: dict[tuple[int, str], list[dict[str, Any]]] = {row: [] for row in rows}
+    with ExitStack() as stack:
+        teams = {n: stack.enter_context(Team(job, protocols, n)) for n in processes}
+        for k in range(workload.rounds):
+            for n, name in rows[k % len(rows) :] + rows[: k % len(rows)]:
+                bar.begin(f"round {k + 1} of {workload.rounds}, {n} processes, {name} ...")
+                found[n, name].append(_run(teams[n], workload, name, n, 1 + k))
     cases = []
-    for n in processes:
-        with Team(job, protocols, n) as team:  # fresh memory: what the last ones left in it does not count
-            cases += _measure_one(team, workload, protocols, n)
-        for case in cases[-len(protocols) :]:
-            _print_failures(case)
+    for n, name in rows:
+        readers, coin = _roles(n, workload)
+        mixtures = workload.write_len > 1 and not has_common_time(workload.engine, name)
+        numbers = case(found[n, name], workload.duration, None if coin else readers, mixtures)
+        roles = {"readers": None if coin else readers, "coin": coin, "pinned": _is_pinned(n)}
+        cases.append({"protocol": name, "processes": n, **roles, **numbers})
     return cases
 
 
-def _measure_one(team: Team, workload: Workload, protocols: list[str], processes: int) -> list[dict[str, Any]]:
-    """All protocols with this number of processes, round by round."""
+def _is_pinned(processes: int) -> bool:
     from .. import _bench
+
+    return processes <= len(_bench.cpus())
+
+
+def _run(team: Team, workload: Workload, protocol: str, processes: int, seed: int) -> dict[str, Any]:
     from ._team import Phase
 
-    readers, coin = _roles(processes, workload.read_ratio)
-    pinned = processes <= len(_bench.cpus())
-    found: list[list[dict[str, Any]]] = [[] for _ in protocols]
-    for k in range(workload.rounds):
-        for protocol, name in enumerate(protocols):
-            progress(f"{processes} processes, round {k + 1} of {workload.rounds}, {name} ...")
-            phase = Phase(protocol, processes, readers, coin, workload.read_ratio, pinned)
-            found[protocol].append(team.run(phase, workload.warm_up, workload.duration, 1 + k))
-    roles = {"readers": None if coin else readers, "coin": coin, "pinned": pinned}
-    return [
-        {"protocol": name, "processes": processes, **roles, **_case(rounds, workload.duration)}
-        for name, rounds in zip(protocols, found, strict=True)
-    ]
+    readers, coin = _roles(processes, workload)
+    phase = Phase(protocol, processes, readers, coin, workload.read_ratio, _is_pinned(processes))
+    return team.run(phase, workload.warm_up, workload.duration, seed)
 
 
 def _print_failures(case: dict[str, Any]) -> None:
@@ -194,79 +207,88 @@ def _print_failures(case: dict[str, Any]) -> None:
         print(f"  {case['protocol']}, {case['processes']} processes: {case['failures']} operations failed: {why}")
 
 
-def _mix(case: dict[str, Any]) -> str:
-    if case["coin"]:
-        return "coin"
-    return f"{case['readers']} r + {case['processes'] - case['readers']} w"
+# ---- the command ----
 
 
-def _rate(rate: dict[str, float]) -> str:
-    if not rate["max"]:
-        return "-"
-    return f"{quantity(rate['median'])} ({quantity(rate['min'])} .. {quantity(rate['max'])})"
+def _workload(args: argparse.Namespace) -> Workload:
+    name = args.workload or ("A" if args.read_ratio is None else None)
+    given = {key: value for key, value in vars(args).items() if key in Workload.__dataclass_fields__}
+    given = {key: value for key, value in given.items() if value is not None}
+    if name:
+        given["read_ratio"] = _RATIOS[name]
+    if args.engine == "python":
+        given["by"] = "name"
+    return Workload(**{**asdict(MIXED_RATE if name == "mixed-rate" else Workload()), **given})
 
 
-def _print(cases: list[dict[str, Any]], args: argparse.Namespace) -> None:
-    head = ["processes", "mix", "protocol", "reads/s", "updates/s", "retries", "mixed", "age", "span", "CPU", "least"]
-    rows = []
-    for c in cases:
-        age, span = c["age_oldest_ns"], c["span_ns"]
-        rows.append(
-            [
-                str(c["processes"]),
-                _mix(c),
-                c["protocol"],
-                _rate(c["reads_per_s"]),
-                _rate(c["writes_per_s"]),
-                "-" if c["retries_per_write"] is None else share(c["retries_per_write"], 1),
-                "-" if c["mixed_reads"] is None else share(c["mixed_reads"], 1),
-                duration(age["p50"] if age else None),
-                duration(span["p50"] if span else None),
-                share(c["cpu_share"]["median"], c["processes"]),
-                quantity(c["least_operations"] / args.duration) + "/s",
-            ]
-        )
-    print(table(head, rows, left=3))
-    print(f"  update: {args.write_len} frames; retries: per update; mixed: lookups that saw half an update; age, span:")
-    print("  of the stamps of a lookup, now - oldest and newest - oldest, median; least: the slowest process\n")
-    head = ["processes", "protocol", "", *(name.replace("_", ".") for name in _LATENCY)]
-    rows = []
-    for c in cases:
-        for kind in ("read", "write"):
-            h = c[f"{kind}_ns"]
-            if h:
-                rows.append([str(c["processes"]), c["protocol"], kind, *(duration(h[name]) for name in _LATENCY)])
-    print(table(head, rows, left=3))
+def _default_protocols(workload: Workload) -> list[str]:
+    if workload.engine == "python":
+        return ["shmtf"]
+    return ["shmtf", "shmtf-common"] if workload.kind == "mixed-rate" else ["shmtf", "giant"]
 
 
-def _title(args: argparse.Namespace) -> str:
-    name = f"workload {args.workload}" if args.workload else "workload"
-    pace = f", {args.frequency:g} Hz per process" if args.frequency else ""
-    engine = "C" if args.engine == "native" else "Python"
-    rounds = f"{args.rounds} rounds of {args.duration:g} s"
+def _notes(workload: Workload, protocols: list[str], processes: list[int]) -> list[str]:
+    """What the reader must be told."""
+    from . import _protocols, _transfers
+
+    notes = _protocols.notes()
+    if workload.opposite:
+        sorting = [name for name in protocols if name in _protocols.SORTING]
+        acts_on = [name for name in protocols if name not in sorting]
+        notes.append(f"--opposite-write acts on {', '.join(acts_on) or 'none of these'}: they lock in the order given")
+        if sorting:
+            notes.append(f"--opposite-write does not act on {', '.join(sorting)}: locked in the order of frame ids")
+    if any(_roles(n, workload)[1] for n in processes):
+        notes.append("coin: with so few processes the rarer kind is less than one, so each operation is drawn")
+    if _transfers.event() is None:
+        notes.append("no count of cache lines from other cores: no perf here, or no such event on this machine")
+    return notes
+
+
+def _title(workload: Workload, name: str | None) -> str:
+    pace = f", {workload.frequency:g} Hz per process" if workload.frequency else ""
+    engine = "C" if workload.engine == "native" else "Python"
+    rounds = f"{workload.rounds} rounds of {workload.duration:g} s"
+    frames = "1 frame" if workload.write_len == 1 else f"{workload.write_len} frames"
+    which = f"workload {name}" if name else "workload"
     return (
-        f"{name}: {100 * args.read_ratio:g} % reads; {args.frames} frames, lookups over {args.read_len} edges, updates "
-        f"of {args.write_len} frames, by {args.by}{pace}; loops in {engine}; median of {rounds} (smallest .. largest)"
+        f"{which}: {100 * workload.read_ratio:g} % reads; {workload.frames} frames, lookups "
+        f"over {workload.read_len} edges, updates of {frames}, by {workload.by}{pace}; loops in {engine}; "
+        f"median of {rounds} (smallest .. largest)"
     )
+
+
+def _print_protocols() -> int:
+    from .. import _bench
+    from . import _protocols
+
+    for name in _protocols.names():
+        print(f"  {name:14}{_bench.protocols()[name][0]}")
+    for note in _protocols.notes():
+        print(f"note: {note}")
+    return 0
 
 
 def run(args: argparse.Namespace) -> int:
     from ._machine import describe, headline
+    from ._ycsb_tables import tables
 
-    notes = _settle(args)
+    if args.list:
+        return _print_protocols()
+    workload = _workload(args)
+    protocols = args.protocol or _default_protocols(workload)
+    _check(workload, protocols, args.processes)
     check_writable(args.json)
     description = describe()
+    notes = _notes(workload, protocols, args.processes)
+    name = args.workload or ("A" if args.read_ratio is None else None)
     print(headline(description))
-    print(_title(args))
-    if any(_roles(n, args.read_ratio)[1] for n in args.processes):
-        notes.append("coin: with so few processes the rarer kind is less than one, so each operation is drawn")
+    print(_title(workload, name))
     for note in notes:
         print(f"note: {note}")
     print()
-    workload = Workload(**{key: value for key, value in vars(args).items() if key in Workload.__dataclass_fields__})
-    cases = measure(workload, args.protocol, args.processes)
-    _print(cases, args)
-    left_out = ("json", "command")
-    parameters = {key: value for key, value in vars(args).items() if key not in left_out}
+    cases = measure(workload, protocols, args.processes)
+    print(tables(cases, workload.write_len))
+    parameters = {**asdict(workload), "workload": name, "protocol": protocols, "processes": args.processes}
     write_json(args.json, {"kind": "ycsb", **description, "parameters": parameters, "notes": notes, "cases": cases})
     return 1 if any(c["failures"] for c in cases) else 0

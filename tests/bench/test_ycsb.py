@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,15 +56,16 @@ def test_every_case_has_every_number(contended: dict[str, Any]) -> None:
         assert case["readers"] == case["processes"] // 2 and not case["coin"]
         for rate in ("reads_per_s", "writes_per_s"):
             assert 0 < case[rate]["min"] <= case[rate]["median"] <= case[rate]["max"]
-        for histogram in ("read_ns", "write_ns", "age_oldest_ns", "age_mean_ns", "span_ns"):
+        for histogram in ("read_ns", "write_ns", "age_oldest_ns", "age_mean_ns", "span_ns", "deviation_ns"):
             h = case[histogram]
             assert h.keys() == LATENCY
             assert h["count"] > 0
             assert h["p50"] <= h["p99"] <= h["p99_9"] <= h["max"]
-        assert case["retries_per_write"] >= 0
+        assert case["retries_per_write"] >= 0 and case["retries_per_read"] >= 0
         assert case["cpu_share"]["median"] > 0
         assert case["checked_reads"] > 0
-        assert case["least_operations"] > 0  # nobody starves
+        assert 0 < case["least_reads_per_s"] <= case["reads_per_s"]["max"]
+        assert 0 < case["least_writes_per_s"] <= case["writes_per_s"]["max"]
 
 
 def test_shmtf_never_mixes_two_updates(contended: dict[str, Any]) -> None:
@@ -97,14 +99,16 @@ def test_few_processes_draw_each_operation(tmp_path: Path, capsys: pytest.Captur
 
 
 def test_twenty_processes_have_one_writer() -> None:
-    from shmtf.bench.ycsb import _roles
+    from shmtf.bench.ycsb import MIXED_RATE, Workload, _roles
 
-    assert _roles(20, 0.95) == (19, False)
-    assert _roles(19, 0.95) == (0, True)
-    assert _roles(1, 0.5) == (0, True)
-    assert _roles(2, 0.5) == (1, False)
-    assert _roles(4, 1.0) == (4, False)
-    assert _roles(4, 0.0) == (0, False)
+    assert _roles(20, Workload(read_ratio=0.95)) == (19, False)
+    assert _roles(19, Workload(read_ratio=0.95)) == (0, True)
+    assert _roles(1, Workload()) == (0, True)
+    assert _roles(2, Workload()) == (1, False)
+    assert _roles(4, Workload(read_ratio=1.0)) == (4, False)
+    assert _roles(4, Workload(read_ratio=0.0)) == (0, False)
+    assert _roles(2, MIXED_RATE) == (1, False)
+    assert _roles(3, replace(MIXED_RATE, read_ratio=1.0)) == (2, False)
 
 
 def test_frequency_paces(tmp_path: Path) -> None:

@@ -177,23 +177,55 @@ static bool parse_protocols(PyObject *pairs, bench_job *job) {
     return true;
 }
 
+static double number(PyObject *told, const char *key) {
+    PyObject *value = PyDict_GetItemString(told, key);
+    if (value) return PyFloat_AsDouble(value);
+    PyErr_Format(PyExc_KeyError, "%s", key);
+    return 0;
+}
+
+/* The numbers of _team.Job.  Places live as long as `told`. */
+static bool parse_job(PyObject *told, bench_job *job) {
+    PyObject *pairs = PyDict_GetItemString(told, "protocols");
+    memset(job, 0, sizeof *job);
+    if (!pairs || !PyList_Check(pairs)) return PyErr_Format(PyExc_TypeError, "protocols: [(name, place)]"), false;
+    if (!parse_protocols(pairs, job)) return false;
+    job->shape.n_frames = (uint32_t)number(told, "frames");
+    job->shape.history = (uint32_t)number(told, "history");
+    job->shape.read_len = (uint32_t)number(told, "read_len");
+    job->shape.write_len = (uint32_t)number(told, "write_len");
+    job->shape.by_name = number(told, "by_name") != 0;
+    job->frequency = number(told, "frequency");
+    job->opposite = number(told, "opposite") != 0;
+    job->mixed_rate = number(told, "mixed_rate") != 0;
+    job->check_every = (uint32_t)number(told, "check_every");
+    return !PyErr_Occurred();
+}
+
 static PyObject *work(PyObject *self, PyObject *args) {
     bench_job job;
-    PyObject *pairs;
+    PyObject *told;
     unsigned index;
-    int parent, by_name, opposite;
+    int parent;
     bool ok;
-    memset(&job, 0, sizeof job);
-    bench_shape *s = &job.shape;
-    if (!PyArg_ParseTuple(args, "IiO!IIIIpdpI:work", &index, &parent, &PyList_Type, &pairs, &s->n_frames, &s->history, &s->read_len,
-                          &s->write_len, &by_name, &job.frequency, &opposite, &job.check_every))
-        return NULL;
-    s->by_name = by_name;
-    job.opposite = opposite;
-    if (!worker_at(self, index) || !parse_protocols(pairs, &job)) return NULL;
+    if (!PyArg_ParseTuple(args, "IiO!:work", &index, &parent, &PyDict_Type, &told)) return NULL;
+    if (!worker_at(self, index) || !parse_job(told, &job)) return NULL;
     bench_die_with(parent);
     Py_BEGIN_ALLOW_THREADS
     ok = bench_work(control_of(self), index, &job);
+    Py_END_ALLOW_THREADS
+    return PyBool_FromLong(ok);
+}
+
+static PyObject *host(PyObject *self, PyObject *args) {
+    bench_job job;
+    PyObject *told;
+    int parent;
+    bool ok;
+    if (!PyArg_ParseTuple(args, "iO!:host", &parent, &PyDict_Type, &told) || !parse_job(told, &job)) return NULL;
+    bench_die_with(parent);
+    Py_BEGIN_ALLOW_THREADS
+    ok = bench_host(control_of(self), &job);
     Py_END_ALLOW_THREADS
     return PyBool_FromLong(ok);
 }
@@ -302,8 +334,10 @@ static PyMethodDef methods[] = {
     {"state", state, METH_VARARGS, PyDoc_STR("state(index)\n--\n\n(0 starting, 1 ready, 2 failed; last phase done; error)")},
     {"result", result, METH_VARARGS, PyDoc_STR("result(n)\n--\n\nWhat workers 0 to n - 1 counted in the last phase, together (dict).")},
     {"work", work, METH_VARARGS,
-     PyDoc_STR("work(index, parent, protocols, frames, history, read_len, write_len, by_name, frequency, opposite, check_every)"
-               "\n--\n\nBe a worker, in C, until told to stop.  False: it could not attach.")},
+     PyDoc_STR("work(index, parent, told)\n--\n\nBe a worker, in C, until told to stop.  told: _team.Job as a dict, and "
+               "protocols: [(name, place)].  False: it could not attach.")},
+    {"host", host, METH_VARARGS,
+     PyDoc_STR("host(parent, told)\n--\n\nBe the process whose threads are all workers, of one protocol.  False: it could not.")},
     {"enter", enter, METH_VARARGS, PyDoc_STR("enter(index, parent, ready, error)\n--\n\nBe a worker in Python.")},
     {"next_phase", next_phase, METH_VARARGS,
      PyDoc_STR("next_phase(last)\n--\n\nWaits up to 0.1 s for a phase above `last` (dict; number 0: none yet); None: leave.")},

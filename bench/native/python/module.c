@@ -7,6 +7,7 @@
 #include "micro.h"
 #include "protocol.h"
 #include "scale.h"
+#include "verify.h"
 
 #if defined(__clang__)
 #define COMPILER __VERSION__
@@ -122,6 +123,10 @@ static PyObject *create(PyObject *module, PyObject *args) {
     snprintf(place, sizeof place, "%s", wish);
     Py_BEGIN_ALLOW_THREADS
     ok = p->create(place, &shape, error);
+    if (ok && !bench_verify(p, place, &shape, error)) {
+        p->remove(place);
+        ok = false;
+    }
     Py_END_ALLOW_THREADS
     return ok ? PyUnicode_FromString(place) : PyErr_Format(PyExc_RuntimeError, "%s: %s", name, error);
 }
@@ -180,7 +185,7 @@ static PyMethodDef functions[] = {
     {"load", load, METH_O, PyDoc_STR("load(path)\n--\n\nAdd the peer in a shared library; returns its name.")},
     {"create", create, METH_VARARGS,
      PyDoc_STR("create(protocol, name, frames, history, read_len, write_len)\n--\n\n"
-               "Make a protocol's shared memory; returns what workers attach to.")},
+               "Make a protocol's shared memory, and look whether its answers are right; returns what workers attach to.")},
     {"remove", remove_place, METH_VARARGS, PyDoc_STR("remove(protocol, place)\n--\n\nRemove its name; who is attached stays attached.")},
     {"round_trip", round_trip, METH_VARARGS,
      PyDoc_STR("round_trip(cpu_a, cpu_b)\n--\n\nns for a cache line from one CPU to another and back, or None.")},
