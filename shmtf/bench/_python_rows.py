@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import os
 import random
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,10 +13,11 @@ from typing import Any
 import shmtf
 
 from .. import _bench
+from ._peers import Helper, tf2_python
 from ._report import spread
+from ._timing import ns_per_call
 
-CHAIN = 16
-BATCH = 500  # calls between two looks at the clock
+WRITE_LEN = 16
 PERIOD_NS = 10_000_000
 RECENT_NS = 200_000_000
 
@@ -27,7 +27,8 @@ _Arguments = list[tuple[Any, ...]]
 class Snake:
     """The chain of frames of bench/native/snake.h in a store of its own, and arguments for calls on it."""
 
-    def __init__(self, role: str, frames: int, history: int) -> None:
+    def __init__(self, role: str, frames: int, history: int, depth: int) -> None:
+        self.depth = depth
         self.names = [f"link_{i:05}" for i in range(frames)]
         self.random = random.Random(1)
         self.newest = [0] * frames
@@ -43,8 +44,8 @@ class Snake:
         self.end = shmtf.now()
         for k in range(self.rounds, 0, -1):
             start = self.end - k * PERIOD_NS
-            for first in range(1, len(self.names), CHAIN):
-                children = range(first, min(first + CHAIN, len(self.names)))
+            for first in range(1, len(self.names), WRITE_LEN):
+                children = range(first, min(first + WRITE_LEN, len(self.names)))
                 self.store.set_transforms([self._transform(i, start + 7919000 * i % PERIOD_NS) for i in children])
 
     def _transform(self, child: int, stamp: int) -> shmtf.Transform:
@@ -57,10 +58,10 @@ class Snake:
         return self._transform(child, self.newest[child] + PERIOD_NS)
 
     def _first(self) -> int:
-        return self.random.randrange(len(self.names) - CHAIN)
+        return self.random.randrange(len(self.names) - max(self.depth, WRITE_LEN))
 
     def pairs(self, n: int) -> _Arguments:
-        return [(self.names[i], self.names[i + CHAIN]) for i in (self._first() for _ in range(n))]
+        return [(self.names[i], self.names[i + self.depth]) for i in (self._first() for _ in range(n))]
 
     def pairs_at(self, n: int) -> _Arguments:
         newest = self.end - PERIOD_NS
@@ -72,42 +73,21 @@ class Snake:
 
     def sixteen(self, n: int) -> _Arguments:
         firsts = (self._first() for _ in range(n))
-        return [([self._next(i) for i in range(first + 1, first + 1 + CHAIN)],) for first in firsts]
+        return [([self._next(i) for i in range(first + 1, first + 1 + WRITE_LEN)],) for first in firsts]
 
+    def children(self, n: int) -> _Arguments:
+        return [(1 + self._first(),) for _ in range(n)]
 
-# One loop per number of arguments: a call with a star would be measured too.  By this thread's processor time: what
-# other processes do meanwhile does not count, except to the caches.
+    def _built(self, child: int) -> shmtf.Transform:
+        self.newest[child] += PERIOD_NS
+        parent, name = self.names[child - 1], self.names[child]
+        return shmtf.Transform(parent, name, self.newest[child], (0.1, 0.2, 0.3), (0.0, 0.0, 0.0, 1.0))
 
+    def make(self, child: int) -> None:
+        self.store.set_transform(self._built(child))
 
-def _time_1(call: Callable[..., Any], arguments: _Arguments) -> int:
-    start = time.thread_time_ns()
-    for (a,) in arguments:
-        call(a)
-    return time.thread_time_ns() - start
-
-
-def _time_2(call: Callable[..., Any], arguments: _Arguments) -> int:
-    start = time.thread_time_ns()
-    for a, b in arguments:
-        call(a, b)
-    return time.thread_time_ns() - start
-
-
-def _time_3(call: Callable[..., Any], arguments: _Arguments) -> int:
-    start = time.thread_time_ns()
-    for a, b, c in arguments:
-        call(a, b, c)
-    return time.thread_time_ns() - start
-
-
-_TIME = {1: _time_1, 2: _time_2, 3: _time_3}
-
-
-def _time_loop(arguments: _Arguments) -> int:
-    start = time.thread_time_ns()
-    for _ in arguments:
-        pass
-    return time.thread_time_ns() - start
+    def make_many(self, first: int) -> None:
+        self.store.set_transforms([self._built(child) for child in range(first, first + WRITE_LEN)])
 
 
 @dataclass(frozen=True)
@@ -118,64 +98,96 @@ class _Row:
     make: Callable[[int], _Arguments]  # the arguments of n calls; not timed
     floor: str | None  # the row in C that does this work without a store
 
-    def measure(self, round_ns: float) -> float:
-        """ns per call, the loop around it subtracted."""
-        total = calls = 0
-        self.call(*self.make(1)[0])
-        while total < round_ns:
-            arguments = self.make(BATCH)
-            total += _TIME[len(arguments[0])](self.call, arguments) - _time_loop(arguments)
-            calls += BATCH
-        return total / calls
-
 
 def _rows(read: Snake, write: Snake) -> list[_Row]:
     r, w = read.store, write.store
+    pairs = read.pairs
     return [
-        _Row("call", "a C function that takes two names and does nothing", _bench.nothing, read.pairs, None),
-        _Row("latest", "lookup_latest_transform", r.lookup_latest_transform, read.pairs, "floor seqlock"),
+        _Row("call", "a C function that takes two names and does nothing", _bench.nothing, pairs, None),
+        _Row("latest", "lookup_latest_transform", r.lookup_latest_transform, pairs, "floor seqlock"),
         _Row("recent", "lookup_transform, newest 0.2 s", r.lookup_transform, read.pairs_at, "floor recent"),
-        _Row(
-            "common",
-            "lookup_transform, newest common time, staggered stamps",
-            r.lookup_transform,
-            read.pairs,
-            "floor newest",
-        ),
-        _Row("can", "can_transform, newest common time", r.can_transform, read.pairs, "floor newest"),
+        _Row("common", "lookup_transform, newest common time, staggered", r.lookup_transform, pairs, "floor newest"),
+        _Row("can", "can_transform, newest common time", r.can_transform, pairs, "floor newest"),
         _Row("set 1", "set_transform of a ready Transform", w.set_transform, write.one, "floor write 1"),
+        _Row("make 1", "build a Transform and set_transform it", write.make, write.children, "floor write 1"),
         _Row("set 16", "set_transforms of 16 ready Transforms", w.set_transforms, write.sixteen, "floor write 16"),
+        _Row("make 16", "build 16 Transforms and set_transforms", write.make_many, write.children, "floor write 16"),
     ]
 
 
+def _start_tf2(frames: int, history: int, depth: int) -> Helper | None:
+    python = tf2_python()
+    if python is None:
+        return None
+    told = {"frames": frames, "history": history, "depth": depth, "write_len": WRITE_LEN, "period_ns": PERIOD_NS}
+    return Helper(python, "_peer_tf2", {**told, "first_ns": shmtf.now() - history * PERIOD_NS})
+
+
+def _pinned(cpu: int, work: Callable[[], Any]) -> Any:
+    _bench.pin(cpu)
+    try:
+        return work()
+    finally:
+        _bench.pin(-1)
+
+
+def _measure(
+    rows: list[_Row], tf2: Helper | None, rounds: int, round_ns: float, cpu: int
+) -> tuple[dict[str, list[float]], list[list[str]]]:
+    """Times of all rows and of the peer's, and what the peer says of its own, [name, what, beside]."""
+    theirs: list[list[str]] = tf2.answer() if tf2 else []
+    times: dict[str, list[float]] = {name: [] for name in [*(row.name for row in rows), *(row[0] for row in theirs)]}
+    for _ in range(rounds):
+        for row in rows:
+            times[row.name].append(_pinned(cpu, lambda row=row: ns_per_call(row.call, row.make, round_ns)))  # type: ignore[misc]
+        if tf2:
+            for name, ns in tf2.ask({"round_ns": round_ns, "cpu": cpu}).items():
+                times[name].append(ns)
+    return times, theirs
+
+
 def python_rows(
-    frames: int, history: int, rounds: int, round_ns: float, floors: dict[str, float]
+    frames: int,
+    history: int,
+    depth: int,
+    rounds: int,
+    round_ns: float,
+    cpu: int,
+    floors: dict[str, float],
+    peers: bool,
 ) -> list[dict[str, Any]] | None:
     """Rows like those of _bench.micro.  Their floor is that of the work in C and of the call together.  None: shared
     memory is too small."""
+    tf2 = _start_tf2(frames, history, depth) if peers else None  # it fills its trees while we fill ours
     try:
-        read, write = Snake("read", frames, history), Snake("write", frames, history)
+        read, write = Snake("read", frames, history, depth), Snake("write", frames, history, depth)
+        rows = _rows(read, write)
+        times, theirs = _measure(rows, tf2, rounds, round_ns, cpu)
     except shmtf.StoreFullError:
         return None
-    rows = _rows(read, write)
-    times: dict[str, list[float]] = {row.name: [] for row in rows}
-    for _ in range(rounds):
-        for row in rows:
-            times[row.name].append(row.measure(round_ns))
+    finally:
+        if tf2:
+            tf2.close()
     read.store.close()
     write.store.close()
     call = spread(times["call"])["median"]
+    floor_of = {row.name: row.floor for row in rows}
     result = []
-    for row in rows:
-        ns = spread(times[row.name])
-        floor = floors[row.floor] + call if row.floor in floors else None
+    for name, what, peer, beside in [
+        *((row.name, row.what, None, None) for row in rows),
+        *((name, what, "tf2_py", beside) for name, what, beside in theirs),
+    ]:
+        ns, floor_name = spread(times[name]), floor_of[beside or name]
+        floor = floors[floor_name] + call if floor_name in floors else None
         result.append(
             {
                 "engine": "python",
-                "name": row.name,
-                "what": row.what,
+                "peer": peer,
+                "name": name,
+                "what": what,
+                "beside": beside,
                 "ns": ns,
-                "floor": f"{row.floor} + call" if floor else None,
+                "floor": f"{floor_name} + call" if floor else None,
                 "ratio": ns["median"] / floor if floor else None,
             }
         )

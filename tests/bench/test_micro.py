@@ -12,8 +12,16 @@ import pytest
 from shmtf import bench
 
 NATIVE = {"latest hot", "latest handle", "latest name", "recent handle", "any time handle", "common handle"}
-NATIVE |= {"write 16 handle", "write 16 name", "write 1 handle", "write 1 name"}
-PYTHON = {"call", "latest", "recent", "common", "can", "set 1", "set 16"}
+NATIVE |= {
+    "write 16 handle",
+    "write 16 name",
+    "write 1 handle",
+    "write 1 name",
+    "any time name",
+    "common name",
+    "can name",
+}
+PYTHON = {"call", "latest", "recent", "common", "can", "set 1", "set 16", "make 1", "make 16"}
 
 
 def run(tmp_path: Path, *args: str) -> dict[str, Any]:
@@ -39,7 +47,7 @@ def test_result_describes_itself(result: dict[str, Any]) -> None:
 def test_every_row_has_a_time_and_a_ratio(result: dict[str, Any]) -> None:
     for config in result["configurations"]:
         assert config["skipped"] is None
-        rows = {(row["engine"], row["name"]): row for row in config["rows"]}
+        rows = {(row["engine"], row["name"]): row for row in config["rows"] if row["peer"] is None}
         assert {name for engine, name in rows if engine == "native"} >= NATIVE
         assert {name for engine, name in rows if engine == "python"} == PYTHON
         for (_, name), row in rows.items():
@@ -51,6 +59,7 @@ def test_every_row_has_a_time_and_a_ratio(result: dict[str, Any]) -> None:
 
 def test_ratio_is_over_the_floor_of_the_same_run(result: dict[str, Any]) -> None:
     rows = {row["name"]: row for row in result["configurations"][0]["rows"] if row["engine"] == "native"}
+    assert all(rows[row["floor"]]["peer"] is None for row in rows.values() if row["floor"])
     latest = rows["latest handle"]
     assert latest["ratio"] == pytest.approx(latest["ns"]["median"] / rows[latest["floor"]]["ns"]["median"])
 
@@ -73,6 +82,24 @@ def test_bad_arguments(args: list[str]) -> None:
     with pytest.raises(SystemExit) as stopped:
         bench.main(["micro", *args])
     assert stopped.value.code == 2
+
+
+@pytest.mark.parametrize("args", [["--frames", "40", "--depth", "40"], ["--cpu", "100000"]])
+def test_what_cannot_be_is_one_line(args: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert bench.main(["micro", *args]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert args[-1] in line
+
+
+def test_depth(tmp_path: Path) -> None:
+    """A lookup over more edges costs more arithmetic: the floor's times are of one run, and far apart."""
+    args = ("--frames", "400", "--history", "8", "--engine", "native", "--no-peers")
+    near = run(tmp_path, *args, "--depth", "1")
+    far = run(tmp_path, *args, "--depth", "300")
+    assert near["parameters"]["depth"] == 1
+    compose = [r["configurations"][0]["rows"][0] for r in (near, far)]
+    assert compose[0]["name"] == compose[1]["name"] == "floor compose"
+    assert compose[0]["ns"]["min"] < compose[1]["ns"]["min"]
 
 
 def test_unwritable_result_is_refused_before_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,32 +24,34 @@ static PyObject *nothing(PyObject *module, PyObject *const *args, Py_ssize_t n) 
 
 static PyObject *micro(PyObject *module, PyObject *args) {
     micro_options o;
-    micro_row rows[MICRO_MAX_ROWS];
+    micro_result result;
     shmtf_error e;
     shmtf_status st;
     char message[512];
-    size_t n;
     long long round_ns;
     (void)module;
     memset(&o, 0, sizeof o);
-    if (!PyArg_ParseTuple(args, "IIiLi:micro", &o.n_frames, &o.history, &o.rounds, &round_ns, &o.cpu)) return NULL;
+    if (!PyArg_ParseTuple(args, "IIIiLiz:micro", &o.n_frames, &o.history, &o.depth, &o.rounds, &round_ns, &o.cpu, &o.peer)) return NULL;
     o.round_ns = round_ns;
-    if (o.n_frames < MICRO_MIN_FRAMES || !o.history || o.rounds < 1 || o.rounds > MICRO_MAX_ROUNDS || round_ns < 1)
-        return PyErr_Format(PyExc_ValueError, "at least %d frames, 1 record, 1 to %d rounds", MICRO_MIN_FRAMES, MICRO_MAX_ROUNDS);
+    if (!o.depth || o.depth > MICRO_MAX_DEPTH || o.n_frames <= o.depth || o.n_frames <= MICRO_WRITE_LEN)
+        return PyErr_Format(PyExc_ValueError, "depth 1 to %d, more frames than it and than %d", MICRO_MAX_DEPTH, MICRO_WRITE_LEN);
+    if (!o.history || o.rounds < 1 || o.rounds > MICRO_MAX_ROUNDS || round_ns < 1)
+        return PyErr_Format(PyExc_ValueError, "at least 1 record, 1 to %d rounds, and 1 ns for each", MICRO_MAX_ROUNDS);
     Py_BEGIN_ALLOW_THREADS
-    st = micro_run(&o, rows, &n, &e);
+    st = micro_run(&o, &result, &e);
     bench_unpin();
     Py_END_ALLOW_THREADS
     if (st == SHMTF_FULL) return Py_NewRef(Py_None);
     if (st != SHMTF_OK) return PyErr_Format(PyExc_RuntimeError, "%s", shmtf_error_message(&e, message, sizeof message));
     PyObject *list = PyList_New(0);
-    for (size_t i = 0; list && i < n; i++) {
-        const micro_row *r = &rows[i];
-        PyObject *row = Py_BuildValue("(sszdddd)", r->name, r->what, r->floor, r->ns.median, r->ns.min, r->ns.max, r->ratio);
+    for (size_t i = 0; list && i < result.n; i++) {
+        const micro_row *r = &result.rows[i];
+        PyObject *row = Py_BuildValue("(sszddddzz)", r->name, r->what, r->floor, r->ns.median, r->ns.min, r->ns.max, r->ratio,
+                                      r->peer, r->beside);
         if (!row || PyList_Append(list, row) < 0) Py_CLEAR(list);
         Py_XDECREF(row);
     }
-    return list;
+    return list ? Py_BuildValue("(Ns)", list, result.without_peer) : NULL;
 }
 
 static PyObject *scale(PyObject *module, PyObject *args) {
@@ -176,8 +178,9 @@ static PyMethodDef functions[] = {
     {"nothing", (PyCFunction)(void (*)(void))nothing, METH_FASTCALL,
      PyDoc_STR("nothing(a, b)\n--\n\nTakes two names and does nothing: the floor of every call from Python.")},
     {"micro", micro, METH_VARARGS,
-     PyDoc_STR("micro(frames, history, rounds, round_ns, cpu)\n--\n\n"
-               "[(name, what, floor, median_ns, min_ns, max_ns, ratio)]; None: shared memory is too small for it.")},
+     PyDoc_STR("micro(frames, history, depth, rounds, round_ns, cpu, peer)\n--\n\n"
+               "([(name, what, floor, median_ns, min_ns, max_ns, ratio, peer, beside)], why the peer's rows are missing or \"\");\n"
+               "None: shared memory is too small for it.")},
     {"scale", scale, METH_VARARGS,
      PyDoc_STR("scale(frames, history, depth, rounds, round_ns, cpu)\n--\n\n"
                "[(name, what, median_ns, min_ns, max_ns)]; None: shared memory is too small for it.")},

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Other libraries beside ours, where they are installed: which, where, and processes in their interpreter."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .. import _bench
+from . import BenchError
+
+# what tf2 does not do, beside its numbers
+TF2_LACKS = (
+    "tf2: one process (others get copies of every transform as messages), no update of several frames at once, "
+    "no newest record of every edge"
+)
+_PROBE = "import sys, tf2_py, genpy, geometry_msgs.msg; sys.exit(sys.version_info < (3, 8))"
+# shmtf and shmtf.bench without their __init__, which need what another interpreter may not have
+_START = """import importlib, sys, types
+for name, parts in (("shmtf", ""), ("shmtf.bench", "/bench")):
+    sys.modules[name] = types.ModuleType(name)
+    sys.modules[name].__path__ = [path + parts for path in sys.argv[2].split(":")]
+sys.exit(importlib.import_module("shmtf.bench." + sys.argv[1]).main(sys.argv[3:]))
+"""
+
+
+def tf2_library() -> str | None:
+    """The C++ peer, built beside the extension where tf2's headers were found."""
+    path = Path(_bench.__file__).with_name("shmtf_bench_tf2.so")
+    return str(path) if path.exists() else None
+
+
+@functools.cache
+def tf2_python() -> str | None:
+    """An interpreter that has tf2_py: seldom the one that this runs in."""
+    found = (sys.executable, shutil.which("python3"), "/usr/bin/python3")
+    for python in dict.fromkeys(path for path in found if path):
+        try:
+            done = subprocess.run([python, "-c", _PROBE], capture_output=True, timeout=60, check=False)
+        except (OSError, subprocess.TimeoutExpired):
+            continue
+        if not done.returncode:
+            return python
+    return None
+
+
+def command(python: str, module: str, *args: str) -> list[str]:
+    """A module of this folder as a program of another interpreter."""
+    package = Path(__file__).parents[1]
+    folders = dict.fromkeys((str(package), str(Path(_bench.__file__).parent)))
+    return [python, "-c", _START, module, ":".join(folders), *args]
+
+
+class Helper:
+    """A process in a peer's interpreter that answers lines of JSON with lines of JSON, and ends with its input."""
+
+    def __init__(self, python: str, module: str, told: dict[str, Any]) -> None:
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed in close
+        arguments = command(python, module, json.dumps(told))
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(arguments, stdin=pipe, stdout=pipe, stderr=self._errors, text=True)
+
+    def answer(self) -> Any:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if line:
+            return json.loads(line)
+        self._process.wait()
+        self._errors.seek(0)
+        lines = self._errors.read().decode(errors="replace").strip().splitlines()
+        raise BenchError(f"the peer's process ended: {lines[-1] if lines else f'exit code {self._process.returncode}'}")
+
+    def ask(self, question: dict[str, Any]) -> Any:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(question) + "\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            pass  # answer says why
+        return self.answer()
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        for file in (self._process.stdin, self._process.stdout, self._errors):
+            if file is not None:
+                file.close()
+
+
+def environment() -> dict[str, str | None]:
+    """Which peers there are, for the result."""
+    return {"tf2": tf2_library() and os.path.basename(tf2_library() or ""), "tf2_py": tf2_python()}
+
+
+def missing(wanted: Sequence[str]) -> list[str]:
+    """One line for each peer that is not here, with what would help."""
+    lines = []
+    if "native" in wanted and tf2_library() is None:
+        lines.append("no tf2 in C++ beside it: built where a C++ compiler and ROS 1's tf2 are (Debian: libtf2-dev)")
+    if "python" in wanted and tf2_python() is None:
+        lines.append("no tf2_py beside it: no python3 here imports it (Debian: python3-tf2)")
+    return lines
