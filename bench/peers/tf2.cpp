@@ -9,7 +9,10 @@
  */
 #include "tf2_tree.h"
 
+#include <unistd.h>
+
 #include <exception>
+#include <new>
 
 #include "protocol.h"
 
@@ -36,15 +39,17 @@ struct bench_client {
 
 namespace {
 
+/* NULL: it was made by another process. */
 tf2_tree *tree_at(const char *place) {
-    void *tree = nullptr;
-    return sscanf(place, "%p", &tree) == 1 ? static_cast<tf2_tree *>(tree) : nullptr;
+    long pid;
+    void *tree;
+    return sscanf(place, "%ld %p", &pid, &tree) == 2 && pid == getpid() ? static_cast<tf2_tree *>(tree) : nullptr;
 }
 
 bool create(char place[BENCH_PLACE_SIZE], const bench_shape *shape, char error[BENCH_ERROR_SIZE]) {
     try {
         tf2_tree *tree = new tf2_tree(shape->n_frames, CACHE_TIME);
-        snprintf(place, BENCH_PLACE_SIZE, "%p", static_cast<void *>(tree));
+        snprintf(place, BENCH_PLACE_SIZE, "%ld %p", long(getpid()), static_cast<void *>(tree));
         tree->fill(bench_now_ns() - int64_t(shape->history) * PERIOD_NS, shape->history, PERIOD_NS, false);
         return true;
     } catch (const std::exception &e) {
