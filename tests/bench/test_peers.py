@@ -137,6 +137,7 @@ def test_python_protocol_reads_what_it_wrote(client: PythonProtocol) -> None:
     stamps = client.stamps(client.read(4))
     assert len(stamps) == TOLD["read_len"] and max(stamps[:1]) < 10**15  # frame 5 is older than both updates
     assert stamps[1:9] == [10**15] * 8 and stamps[9:] == [2 * 10**15] * 7
+    assert client.stamps(client.read(13)) == [2 * 10**15] * 16
     assert client.retries() == (0, 0)
 
 
