@@ -15,8 +15,10 @@ __all__ = ["main"]
 # each module has add_arguments(parser) and run(args) -> exit code
 _COMMANDS = {
     "micro": "what one call costs, beside the floor measured in the same run",
+    "compare": "two results of the same command, number by number",
     "idle": "what processes cost that do nothing, while another one writes",
     "recover": "from the kill of a writer until the next one has written the same frames",
+    "scale": "what a call costs by frames, depth, history and processes, and which lines it writes",
     "wakeup": "from a commit until a process that waits for it runs again",
     "ycsb": "the thesis' workloads over real processes on one segment",
 }
