@@ -167,6 +167,8 @@ static void fill(bench_client *c) {
         }
 }
 
+static size_t physical_bytes(void) { return (size_t)sysconf(_SC_PHYS_PAGES) * (size_t)sysconf(_SC_PAGESIZE); }
+
 bool baseline_create(char place[BENCH_PLACE_SIZE], const bench_shape *shape, char error[BENCH_ERROR_SIZE]) {
     bench_client c = {.shape = *shape};
     uint32_t n_buckets = 16;
@@ -175,7 +177,8 @@ bool baseline_create(char place[BENCH_PLACE_SIZE], const bench_shape *shape, cha
     size_t size = bind_parts(&c, NULL, shape->n_frames, n_buckets, log2);
     int fd = memfd_create("shmtf-bench-baseline", MFD_CLOEXEC); /* no name to remove: it ends with this process */
     void *base = MAP_FAILED;
-    if (fd >= 0 && !fallocate(fd, 0, 0, (off_t)size)) base = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    if (size > physical_bytes() / 2) errno = ENOMEM; /* a page that does not exist is a signal, and no error */
+    else if (fd >= 0 && !ftruncate(fd, (off_t)size)) base = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
     if (base == MAP_FAILED) {
         snprintf(error, BENCH_ERROR_SIZE, "%zu bytes of memory: %s", size, strerror(errno));
         if (fd >= 0) close(fd);

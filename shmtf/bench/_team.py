@@ -8,7 +8,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -16,8 +15,7 @@ from dataclasses import asdict, dataclass
 from typing import IO, Any
 
 from .. import _bench
-from . import BenchError
-from ._protocols import is_hosted, libraries
+from . import BenchError, _protocols
 from ._report import progress
 from ._transfers import Transfers
 
@@ -82,14 +80,15 @@ class Crew:
             "parent": os.getpid(),
             "control": self.control.path,
             "protocols": self._places,
-            "libraries": libraries(self.protocols),
+            "libraries": _protocols.libraries(self.protocols),
             "hosted": self._hosted,
+            "workers": self._n,
         }
         for index in range(1 if self._hosted else self._n):
             progress(f"starting worker {index + 1} of {self._n} ...")
             errors = tempfile.TemporaryFile()  # noqa: SIM115  closed in stop()
             self._errors.append(errors)
-            command = [sys.executable, "-P", "-m", f"{__package__}.worker", json.dumps({**told, "index": index})]
+            command = _protocols.command(self.protocols[0], json.dumps({**told, "index": index}))
             self._processes.append(
                 subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors)
             )
@@ -108,18 +107,19 @@ class Crew:
         self.remove_names()
 
     def _create(self, protocol: str, name: str) -> str:
-        job = self.job
         progress(f"filling {protocol} ...")
         try:
-            return _bench.create(protocol, name, job.frames, job.history, job.read_len, job.write_len)
+            return _protocols.create(self.job.engine, protocol, name, asdict(self.job))
         except RuntimeError as error:
             raise BenchError(str(error)) from None
+        except (OSError, ImportError) as error:
+            raise BenchError(f"{protocol}: {error}") from None
 
     def remove_names(self) -> None:
         """As early as possible: then nothing is left even where this process is killed."""
         if not self._hosted:
             for protocol, place in self._places:
-                _bench.remove(protocol, place)
+                _protocols.remove(self.job.engine, protocol, place)
         self._places.clear()
 
     def _why_dead(self, index: int) -> str:
@@ -160,7 +160,7 @@ class Team:
 
     def __init__(self, job: Job, protocols: list[str], n_workers: int) -> None:
         self._crew: dict[str, Crew] = {}
-        shared = [name for name in protocols if not is_hosted(job.engine, name)]
+        shared = [name for name in protocols if not _protocols.is_hosted(job.engine, name)]
         for names, hosted in [(shared, False), *(([name], True) for name in protocols if name not in shared)]:
             if names:
                 crew = Crew(job, names, n_workers, hosted)

@@ -43,6 +43,9 @@ def _throughput(cases: list[Case], write_len: int) -> str:
         for c in cases
     ]
     frames = "1 frame" if write_len == 1 else f"{write_len} frames"
+    asked = cases[0].get("asked_writes_per_s")
+    if asked:
+        frames += f"; asked for: {quantity(asked)}/s"
     return f"{table(head, rows, left=3)}\n  update: {frames}; least: the slowest process in any round"
 
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One worker process of `shmtf-bench ycsb`; started by _team.py, never by hand."""
+"""One worker of `shmtf-bench ycsb`, or the host of several; started by _team.py, never by hand.
+
+Runs in a peer's interpreter too, which may lack what the package needs."""
 
 from __future__ import annotations
 
@@ -8,10 +10,13 @@ import os
 import random
 import signal
 import sys
+import threading
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from .. import _bench
+from ._python_protocols import PYTHON_PROTOCOLS, PythonProtocol
 
 
 def _work_in_c(control: _bench.Control, told: dict[str, Any]) -> bool:
@@ -24,76 +29,62 @@ def _work_in_c(control: _bench.Control, told: dict[str, Any]) -> bool:
 
 
 class PythonWorker:
-    """What a Python node gets: the package's own calls, Transforms built for each update."""
+    """What a Python node gets."""
 
-    def __init__(self, control: _bench.Control, told: dict[str, Any]) -> None:
-        import shmtf
-
-        self.transform = shmtf.Transform
+    def __init__(self, control: _bench.Control, told: dict[str, Any], index: int) -> None:
         self.control = control
         self.told = told
-        self.index: int = told["index"]
-        self.read_len: int = told["read_len"]
-        self.write_len: int = told["write_len"]
-        self.names = [f"link_{i:05}" for i in range(told["frames"])]
-        ((_, place),) = told["protocols"]
-        self.store = shmtf.Store.attach(place)
+        self.index = index
+        self.clients = [PYTHON_PROTOCOLS[name](place, told) for name, place in told["protocols"]]
         self.until_check = 0
-        self.write(0, time.monotonic_ns())  # claims what a writer needs, and opens it by name
+        for client in self.clients:  # the first write claims what a writer needs, and opens it by name
+            client.write(0, control.update_stamp(told["write_len"], 0, time.monotonic_ns()))
 
-    def read(self, first: int) -> Any:
-        return self.store.lookup_latest_transform(self.names[first], self.names[first + self.read_len])
-
-    def write(self, first: int, now_ns: int) -> None:
-        stamp = self.control.update_stamp(self.write_len, first, now_ns)
-        names, make = self.names, self.transform
-        children = range(first + self.write_len, first, -1)
-        if self.told["opposite"]:
-            children = range(first + 1, first + self.write_len + 1)
-        self.store.set_transforms(
-            [make(names[i - 1], names[i], stamp, (0.1, 0.2, 0.3), (0.5, -0.5, 0.5, -0.5)) for i in children]
-        )
-
-    def check(self, first: int, transform: Any, start_ns: int) -> None:
-        stamps = [stamp for _, _, stamp in transform.edges]
-        now = time.monotonic_ns()
-        self.control.check(self.index, self.write_len, first, stamps[::-1], now, start_ns)
+    def close(self) -> None:
+        for client in self.clients:
+            client.close()
 
     def phase(self, p: dict[str, Any]) -> None:
-        control, index, frames = self.control, self.index, self.told["frames"]
+        control, index, told, client = self.control, self.index, self.told, self.clients[p["protocol"]]
         choose = random.Random(p["seed"] + index)
-        period = int(1e9 / self.told["frequency"]) if self.told["frequency"] else 0
+        period = int(1e9 / told["frequency"]) if told["frequency"] else 0
         control.begin(index)
         _bench.pin(_bench.cpus()[index] if p["pinned"] else -1)
         _sleep_until(p["start_ns"])
-        aborts = cpu = 0
+        cpu, before = 0, (0, 0)
         measuring = stop = False
         now = time.monotonic_ns()
         while now < p["end_ns"] and not stop:
             if not measuring and now >= p["measure_ns"]:
-                measuring, cpu, aborts = True, time.thread_time_ns(), self.store.counters()["aborts"]
+                measuring, cpu, before = True, time.thread_time_ns(), client.retries()
             reads = choose.random() < p["read_ratio"] if p["coin"] else index < p["n_readers"]
-            first = choose.randrange(frames - (self.read_len if reads else self.write_len))
+            first = choose.randrange(told["frames"] - told["read_len" if reads else "write_len"])
             start, found = time.monotonic_ns(), None
             try:
                 if reads:
-                    found = self.read(first)
+                    found = client.read(first)
                 else:
-                    self.write(first, start)
+                    client.write(first, control.update_stamp(told["write_len"], first, start))
             except Exception as error:
                 control.fail(index, repr(error))
             now = time.monotonic_ns()
             if measuring and now < p["end_ns"]:
                 stop = control.operation(index, reads, now - start)
                 if found is not None and self._is_checked():
-                    self.check(first, found, p["start_ns"])
+                    self._check(client, first, found, p["start_ns"])
             if period:
                 _sleep_until(now + period)
                 now = time.monotonic_ns()
+        reads_again = writes_again = 0
         if measuring:
-            aborts = self.store.counters()["aborts"] - aborts
+            after = client.retries()
+            reads_again, writes_again = after[0] - before[0], after[1] - before[1]
             cpu = time.thread_time_ns() - cpu
-        control.end(index, 0, aborts, cpu)
+        control.end(index, reads_again, writes_again, cpu)
+
+    def _check(self, client: PythonProtocol, first: int, answer: Any, start_ns: int) -> None:
+        now = time.monotonic_ns()
+        self.control.check(self.index, self.told["write_len"], first, client.stamps(answer), now, start_ns)
 
     def _is_checked(self) -> bool:
         every: int = self.told["check_every"]
@@ -105,33 +96,58 @@ def _sleep_until(ns: int) -> None:
     time.sleep(max(0.0, (ns - time.monotonic_ns()) / 1e9))
 
 
-def _work_in_python(control: _bench.Control, told: dict[str, Any]) -> bool:
+def _work_in_python(control: _bench.Control, told: dict[str, Any], index: int) -> bool:
     try:
-        worker = PythonWorker(control, told)
+        worker = PythonWorker(control, told, index)
     except Exception as error:
-        control.enter(told["index"], told["parent"], 0, repr(error))
+        control.enter(index, told["parent"], 0, repr(error))
         return False
-    control.enter(told["index"], told["parent"], 1, "")
+    control.enter(index, told["parent"], 1, "")
     last = 0
     while (phase := control.next_phase(last)) is not None:
         if not phase["number"]:
             continue
         last = phase["number"]
-        if told["index"] < phase["n_active"]:
+        if index < phase["n_active"]:
             worker.phase(phase)
-    worker.store.close()
+    worker.close()
     return True
 
 
-def main() -> int:
+def _host_in_python(control: _bench.Control, told: dict[str, Any]) -> bool:
+    ((name, wish),) = told["protocols"]
+    try:
+        place = PYTHON_PROTOCOLS[name].create(wish, told)
+    except Exception as error:
+        for index in range(told["workers"]):
+            control.enter(index, told["parent"], 0, repr(error))
+        return False
+    told = {**told, "protocols": [(name, place)]}
+    threads = [
+        threading.Thread(target=_work_in_python, args=(control, told, index)) for index in range(told["workers"])
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    PYTHON_PROTOCOLS[name].remove(place)
+    return True
+
+
+def main(argv: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the coordinator hears Ctrl-C and says when to stop
-    told = json.loads(sys.argv[1])
+    told = json.loads((sys.argv[1:] if argv is None else argv)[0])
     try:
         control = _bench.Control(told["control"])
     except OSError:
         return 0 if os.getppid() != told["parent"] else 1
-    work = _work_in_c if told["engine"] == "native" else _work_in_python
-    return 0 if work(control, told) else 1
+    if told["engine"] == "native":
+        done = _work_in_c(control, told)
+    elif told["hosted"]:
+        done = _host_in_python(control, told)
+    else:
+        done = _work_in_python(control, told, told["index"])
+    return 0 if done else 1
 
 
 if __name__ == "__main__":

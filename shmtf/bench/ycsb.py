@@ -153,6 +153,7 @@ def _measure_interleaved(
     workload: Workload, protocols: list[str], processes: list[int], bar: Bar
 ) -> list[dict[str, Any]]:
     """Every row once per round, so that a disturbance hits a round and not a row; each round begins with another."""
+    from .. import _bench
     from ._cases import case
     from ._protocols import has_common_time
     from ._team import Job, Team
@@ -183,6 +184,8 @@ def _measure_interleaved(
         mixtures = workload.write_len > 1 and not has_common_time(workload.engine, name)
         numbers = case(found[n, name], workload.duration, None if coin else readers, mixtures)
         roles = {"readers": None if coin else readers, "coin": coin, "pinned": _is_pinned(n)}
+        if workload.kind == "mixed-rate":
+            numbers["asked_writes_per_s"] = _bench.mixed_rate(workload.frames)
         cases.append({"protocol": name, "processes": n, **roles, **numbers})
     return cases
 
@@ -204,6 +207,8 @@ def _run(team: Team, workload: Workload, protocol: str, processes: int, seed: in
 def _print_failures(case: dict[str, Any]) -> None:
     if case["failures"]:
         why = next(r["first_failure"] for r in case["rounds"] if r["failures"])
+        if case["protocol"].endswith("-common"):
+            why += " (the newest common time lies before it: more --history keeps more)"
         print(f"  {case['protocol']}, {case['processes']} processes: {case['failures']} operations failed: {why}")
 
 
@@ -223,7 +228,7 @@ def _workload(args: argparse.Namespace) -> Workload:
 
 def _default_protocols(workload: Workload) -> list[str]:
     if workload.engine == "python":
-        return ["shmtf"]
+        return ["shmtf", "numpy-lock"]
     return ["shmtf", "shmtf-common"] if workload.kind == "mixed-rate" else ["shmtf", "giant"]
 
 
@@ -231,13 +236,9 @@ def _notes(workload: Workload, protocols: list[str], processes: list[int]) -> li
     """What the reader must be told."""
     from . import _protocols, _transfers
 
-    notes = _protocols.notes()
+    notes = _protocols.notes(workload.engine)
     if workload.opposite:
-        sorting = [name for name in protocols if name in _protocols.SORTING]
-        acts_on = [name for name in protocols if name not in sorting]
-        notes.append(f"--opposite-write acts on {', '.join(acts_on) or 'none of these'}: they lock in the order given")
-        if sorting:
-            notes.append(f"--opposite-write does not act on {', '.join(sorting)}: locked in the order of frame ids")
+        notes += _protocols.opposite_notes(protocols)
     if any(_roles(n, workload)[1] for n in processes):
         notes.append("coin: with so few processes the rarer kind is less than one, so each operation is drawn")
     if _transfers.event() is None:
@@ -259,13 +260,14 @@ def _title(workload: Workload, name: str | None) -> str:
 
 
 def _print_protocols() -> int:
-    from .. import _bench
     from . import _protocols
 
-    for name in _protocols.names():
-        print(f"  {name:14}{_bench.protocols()[name][0]}")
-    for note in _protocols.notes():
-        print(f"note: {note}")
+    for engine in ("native", "python"):
+        print(f"--engine {engine}")
+        for name in _protocols.names(engine):
+            print(f"  {name:14}{_protocols.what(engine, name)}")
+        for note in _protocols.notes(engine):
+            print(f"  note: {note}")
     return 0
 
 

@@ -100,6 +100,7 @@ def test_freshness(control: _bench.Control) -> None:
     assert r["age_oldest_ns"]["max"] == 10_000
     assert r["age_mean_ns"]["max"] == 9_000
     assert r["span_ns"]["max"] == 2_000
+    assert r["deviation_ns"]["max"] == 816  # of 1000, 2000, 3000
 
 
 def test_control_is_shared_by_path(control: _bench.Control) -> None:

@@ -255,7 +255,7 @@ static PyObject *next_phase(PyObject *self, PyObject *args) {
     Py_END_ALLOW_THREADS
     if (number < 0) return Py_NewRef(Py_None);
     const bench_phase *p = &c->phase;
-    return Py_BuildValue("{s:L,s:I,s:I,s:O,s:O,s:d,s:L,s:L,s:L,s:K}", "number", (long long)number, "n_active", p->n_active, "n_readers",
+    return Py_BuildValue("{s:L,s:I,s:I,s:I,s:O,s:O,s:d,s:L,s:L,s:L,s:K}", "number", (long long)number, "protocol", p->protocol, "n_active", p->n_active, "n_readers",
                          p->n_readers, "coin", p->coin ? Py_True : Py_False, "pinned", p->pinned ? Py_True : Py_False, "read_ratio",
                          p->read_ratio, "start_ns", (long long)p->start_ns, "measure_ns", (long long)p->measure_ns, "end_ns",
                          (long long)p->end_ns, "seed", (unsigned long long)p->seed);

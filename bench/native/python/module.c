@@ -6,6 +6,7 @@
 #include "line.h"
 #include "micro.h"
 #include "protocol.h"
+#include "rates.h"
 #include "scale.h"
 #include "verify.h"
 
@@ -143,6 +144,15 @@ static PyObject *remove_place(PyObject *module, PyObject *args) {
     return Py_NewRef(Py_None);
 }
 
+static PyObject *mixed_rate(PyObject *module, PyObject *frames) {
+    bench_shape shape = {.n_frames = (uint32_t)PyLong_AsUnsignedLong(frames)};
+    double sum = 0;
+    (void)module;
+    if (PyErr_Occurred()) return NULL;
+    for (uint32_t child = 1; child < shape.n_frames; child++) sum += rates_of(&shape, child);
+    return PyFloat_FromDouble(sum);
+}
+
 static PyObject *round_trip(PyObject *module, PyObject *args) {
     int a, b;
     double ns;
@@ -190,6 +200,7 @@ static PyMethodDef functions[] = {
      PyDoc_STR("create(protocol, name, frames, history, read_len, write_len)\n--\n\n"
                "Make a protocol's shared memory, and look whether its answers are right; returns what workers attach to.")},
     {"remove", remove_place, METH_VARARGS, PyDoc_STR("remove(protocol, place)\n--\n\nRemove its name; who is attached stays attached.")},
+    {"mixed_rate", mixed_rate, METH_O, PyDoc_STR("mixed_rate(frames)\n--\n\nUpdates per second that `mixed-rate` asks for, of all edges.")},
     {"round_trip", round_trip, METH_VARARGS,
      PyDoc_STR("round_trip(cpu_a, cpu_b)\n--\n\nns for a cache line from one CPU to another and back, or None.")},
     {"cpus", cpus, METH_NOARGS, PyDoc_STR("cpus()\n--\n\nThe CPUs that this process was given.")},
