@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import functools
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -22,7 +21,7 @@ TF2_LACKS = (
     "tf2: one process (others get copies of every transform as messages), no update of several frames at once, "
     "no newest record of every edge"
 )
-_PROBE = "import sys, tf2_py, genpy, geometry_msgs.msg; sys.exit(sys.version_info < (3, 8))"
+_PROBE = "import sys, tf2_py, genpy, geometry_msgs.msg; sys.exit(sys.version_info < (3, int(sys.argv[1])))"
 # shmtf and shmtf.bench without their __init__, which need what another interpreter may not have
 _START = """import importlib, sys, types
 for name, parts in (("shmtf", ""), ("shmtf.bench", "/bench")):
@@ -39,12 +38,13 @@ def tf2_library() -> str | None:
 
 
 @functools.cache
-def tf2_python() -> str | None:
-    """An interpreter that has tf2_py: seldom the one that this runs in."""
+def tf2_python(minor: int = 11) -> str | None:
+    """An interpreter that has tf2_py, Python 3.`minor` or newer: seldom the one that this runs in.  Our extension needs
+    the default."""
     found = (sys.executable, shutil.which("python3"), "/usr/bin/python3")
     for python in dict.fromkeys(path for path in found if path):
         try:
-            done = subprocess.run([python, "-c", _PROBE], capture_output=True, timeout=60, check=False)
+            done = subprocess.run([python, "-c", _PROBE, str(minor)], capture_output=True, timeout=60, check=False)
         except (OSError, subprocess.TimeoutExpired):
             continue
         if not done.returncode:
@@ -95,16 +95,11 @@ class Helper:
                 file.close()
 
 
-def environment() -> dict[str, str | None]:
-    """Which peers there are, for the result."""
-    return {"tf2": tf2_library() and os.path.basename(tf2_library() or ""), "tf2_py": tf2_python()}
-
-
 def missing(wanted: Sequence[str]) -> list[str]:
     """One line for each peer that is not here, with what would help."""
     lines = []
     if "native" in wanted and tf2_library() is None:
         lines.append("no tf2 in C++ beside it: built where a C++ compiler and ROS 1's tf2 are (Debian: libtf2-dev)")
-    if "python" in wanted and tf2_python() is None:
+    if "python" in wanted and tf2_python(8) is None:
         lines.append("no tf2_py beside it: no python3 here imports it (Debian: python3-tf2)")
     return lines

@@ -116,7 +116,7 @@ def _rows(read: Snake, write: Snake) -> list[_Row]:
 
 
 def _start_tf2(frames: int, history: int, depth: int) -> Helper | None:
-    python = tf2_python()
+    python = tf2_python(8)
     if python is None:
         return None
     told = {"frames": frames, "history": history, "depth": depth, "write_len": WRITE_LEN, "period_ns": PERIOD_NS}

@@ -58,7 +58,7 @@ def library() -> str:
 def interpreter() -> str:
     found = _peers.tf2_python()
     if found is None:
-        pytest.skip("no python3 here imports tf2_py")
+        pytest.skip("no python3.11 here imports tf2_py")
     return found
 
 
@@ -189,6 +189,34 @@ assert abs(r.x**2 + r.y**2 + r.z**2 + r.w**2 - 1) < 1e-9 and "numpy" not in sys.
     assert done.returncode == 0, done.stderr
 
 
+# ---- rows of ycsb ----
+
+
+def ycsb(tmp_path: Path, *args: str) -> list[dict[str, Any]]:
+    path = tmp_path / "ycsb.json"
+    short = ["--frames", "200", "--duration", "0.5", "--warm-up", "0.05", "--rounds", "1", "--check-every", "1"]
+    assert bench.main(["ycsb", *short, "--processes", "2", "--json", str(path), *args]) == 0
+    return json.loads(path.read_text())["cases"]  # type: ignore[no-any-return]
+
+
+def assert_at_common_time(case: dict[str, Any]) -> None:
+    """One stamp stands for all edges, so a mixture cannot be seen."""
+    assert case["checked_reads"] > 0 and case["mixed_reads"] is None
+    assert case["span_ns"]["max"] == 0 < case["age_oldest_ns"]["p50"]
+
+
+def assert_worked(case: dict[str, Any]) -> None:
+    assert case["failures"] == 0
+    assert case["reads_per_s"]["median"] > 0 and case["writes_per_s"]["median"] > 0
+
+
+def test_ycsb_with_tf2_in_c(library: str, tmp_path: Path) -> None:
+    ours, theirs = ycsb(tmp_path, "--protocol", "shmtf,tf2")
+    assert_worked(ours)
+    assert_worked(theirs)
+    assert_at_common_time(theirs)
+
+
 # ---- rows of micro ----
 
 
@@ -218,7 +246,7 @@ def test_micro_without_peers(tmp_path: Path) -> None:
 def test_micro_where_there_is_no_tf2(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def nothing() -> None:
+    def nothing(minor: int = 11) -> None:
         return None
 
     monkeypatch.setattr(_peers, "tf2_library", nothing)
