@@ -225,12 +225,13 @@ static shmtf_status prepare(bench *b, const micro_options *o, micro_result *resu
 
 /* Of the row itself, or of what a peer's row is compared with. */
 static const char *floor_name(const bench *b, size_t row) {
-    const micro_peer_row *theirs = peer_row(b, row);
-    for (size_t i = 0; theirs && i < N_OURS; i++)
-        if (!strcmp(ROWS[i].name, theirs->beside)) return ROWS[i].floor;
-    return theirs ? NULL : ROWS[row].floor;
+    if (row < N_OURS) return ROWS[row].floor;
+    for (size_t i = 0; i < N_OURS; i++)
+        if (!strcmp(ROWS[i].name, peer_row(b, row)->beside)) return ROWS[i].floor;
+    return NULL;
 }
 static const char *row_name(const bench *b, size_t row) { return row < N_OURS ? ROWS[row].name : peer_row(b, row)->name; }
+static const char *row_what(const bench *b, size_t row) { return row < N_OURS ? ROWS[row].what : peer_row(b, row)->what; }
 
 static bool wanted(const bench *b, const micro_options *o, size_t row) {
     if (!o->only || strstr(row_name(b, row), o->only)) return true;
@@ -259,7 +260,7 @@ static shmtf_status run(bench *b, const micro_options *o, micro_result *result, 
         const micro_peer_row *theirs = peer_row(b, i);
         if (!wanted(b, o, i)) continue;
         micro_row *row = &result->rows[result->n];
-        *row = (micro_row){.name = row_name(b, i), .what = theirs ? theirs->what : ROWS[i].what, .floor = floor_name(b, i)};
+        *row = (micro_row){.name = row_name(b, i), .what = row_what(b, i), .floor = floor_name(b, i)};
         if (theirs) row->peer = b->peer->name, row->beside = theirs->beside;
         row->ns = bench_spread_of(ns[i], (size_t)o->rounds);
         row->ratio = ratio_of(result, row);
