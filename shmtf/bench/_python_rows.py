@@ -10,14 +10,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import psutil
+
 import shmtf
 
 from .. import _bench
+from . import BenchError
 from ._peers import Helper, tf2_python
 from ._report import spread
 from ._timing import ns_per_call
 
 WRITE_LEN = 16
+TF2_RECORD_BYTES = 160  # about what it keeps per record
 PERIOD_NS = 10_000_000
 RECENT_NS = 200_000_000
 
@@ -115,35 +119,88 @@ def _rows(read: Snake, write: Snake) -> list[_Row]:
     ]
 
 
-def _start_tf2(frames: int, history: int, depth: int) -> Helper | None:
-    python = tf2_python(8)
-    if python is None:
-        return None
-    told = {"frames": frames, "history": history, "depth": depth, "write_len": WRITE_LEN, "period_ns": PERIOD_NS}
-    return Helper(python, "_peer_tf2", {**told, "first_ns": shmtf.now() - history * PERIOD_NS})
+class _Tf2:
+    """tf2_py's rows, measured in its interpreter; or why there are none.  It may end at any time: ours go on."""
+
+    def __init__(self, frames: int, history: int, depth: int) -> None:
+        self.rows: list[list[str]] = []  # name, what, our row beside it
+        self.times: dict[str, list[float]] = {}
+        self.missing = ""
+        self._helper: Helper | None = None
+        python, bytes_needed = tf2_python(8), 3 * frames * history * TF2_RECORD_BYTES
+        free = psutil.virtual_memory().available
+        if python is None:
+            return
+        if bytes_needed > free / 2:
+            self.missing = f"{bytes_needed / 1e6:.0f} MB for three trees, and {free / 1e6:.0f} MB are free"
+            return
+        told = {"frames": frames, "history": history, "depth": depth, "write_len": WRITE_LEN, "period_ns": PERIOD_NS}
+        self._helper = Helper(python, "_peer_tf2", {**told, "first_ns": shmtf.now() - history * PERIOD_NS})
+
+    def wait(self) -> None:
+        """Until its trees are full."""
+        if self._helper:
+            self._try(lambda helper: self.rows.extend(helper.answer()))
+            self.times = {row[0]: [] for row in self.rows}
+
+    def measure(self, round_ns: float, cpu: int) -> None:
+        self._try(lambda helper: self._add(helper.ask({"round_ns": round_ns, "cpu": cpu})))
+
+    def _add(self, times: dict[str, float]) -> None:
+        for name, ns in times.items():
+            self.times[name].append(ns)
+
+    def _try(self, use: Callable[[Helper], None]) -> None:
+        if self._helper is None:
+            return
+        try:
+            use(self._helper)
+        except BenchError as error:
+            self.missing, self.rows = str(error), []
+            self.close()
+
+    def close(self) -> None:
+        if self._helper:
+            self._helper.close()
+        self._helper = None
 
 
-def _pinned(cpu: int, work: Callable[[], Any]) -> Any:
+def _measure(rows: list[_Row], tf2: _Tf2 | None, rounds: int, round_ns: float, cpu: int) -> dict[str, list[float]]:
+    times: dict[str, list[float]] = {row.name: [] for row in rows}
+    if tf2:
+        tf2.wait()
     _bench.pin(cpu)
     try:
-        return work()
+        for _ in range(rounds):
+            for row in rows:
+                times[row.name].append(ns_per_call(row.call, row.make, round_ns))
+            if tf2:
+                tf2.measure(round_ns, cpu)
     finally:
         _bench.pin(-1)
+    return times
 
 
-def _measure(
-    rows: list[_Row], tf2: Helper | None, rounds: int, round_ns: float, cpu: int
-) -> tuple[dict[str, list[float]], list[list[str]]]:
-    """Times of all rows and of the peer's, and what the peer says of its own, [name, what, beside]."""
-    theirs: list[list[str]] = tf2.answer() if tf2 else []
-    times: dict[str, list[float]] = {name: [] for name in [*(row.name for row in rows), *(row[0] for row in theirs)]}
-    for _ in range(rounds):
-        for row in rows:
-            times[row.name].append(_pinned(cpu, lambda row=row: ns_per_call(row.call, row.make, round_ns)))  # type: ignore[misc]
-        if tf2:
-            for name, ns in tf2.ask({"round_ns": round_ns, "cpu": cpu}).items():
-                times[name].append(ns)
-    return times, theirs
+def _result(
+    name: str,
+    what: str,
+    peer: str | None,
+    beside: str | None,
+    times: list[float],
+    floor: str | None,
+    floors: dict[str, float],
+) -> dict[str, Any]:
+    ns = spread(times)
+    return {
+        "engine": "python",
+        "peer": peer,
+        "name": name,
+        "what": what,
+        "beside": beside,
+        "ns": ns,
+        "floor": f"{floor} + call" if floor else None,
+        "ratio": ns["median"] / floors[floor] if floor else None,
+    }
 
 
 def python_rows(
@@ -155,14 +212,14 @@ def python_rows(
     cpu: int,
     floors: dict[str, float],
     peers: bool,
-) -> list[dict[str, Any]] | None:
-    """Rows like those of _bench.micro.  Their floor is that of the work in C and of the call together.  None: shared
-    memory is too small."""
-    tf2 = _start_tf2(frames, history, depth) if peers else None  # it fills its trees while we fill ours
+) -> tuple[list[dict[str, Any]], str] | None:
+    """Rows like those of _bench.micro, and why a peer that is installed has none.  Their floor is that of the work in C
+    and of the call together.  None: shared memory is too small."""
+    tf2 = _Tf2(frames, history, depth) if peers else None  # it fills its trees while we fill ours
     try:
         read, write = Snake("read", frames, history, depth), Snake("write", frames, history, depth)
         rows = _rows(read, write)
-        times, theirs = _measure(rows, tf2, rounds, round_ns, cpu)
+        times = _measure(rows, tf2, rounds, round_ns, cpu)
     except shmtf.StoreFullError:
         return None
     finally:
@@ -171,24 +228,11 @@ def python_rows(
     read.store.close()
     write.store.close()
     call = spread(times["call"])["median"]
+    with_call = {name: ns + call for name, ns in floors.items()}
     floor_of = {row.name: row.floor for row in rows}
-    result = []
-    for name, what, peer, beside in [
-        *((row.name, row.what, None, None) for row in rows),
-        *((name, what, "tf2_py", beside) for name, what, beside in theirs),
-    ]:
-        ns, floor_name = spread(times[name]), floor_of[beside or name]
-        floor = floors[floor_name] + call if floor_name in floors else None
-        result.append(
-            {
-                "engine": "python",
-                "peer": peer,
-                "name": name,
-                "what": what,
-                "beside": beside,
-                "ns": ns,
-                "floor": f"{floor_name} + call" if floor else None,
-                "ratio": ns["median"] / floor if floor else None,
-            }
-        )
-    return result
+    result = [_result(row.name, row.what, None, None, times[row.name], row.floor, with_call) for row in rows]
+    if tf2 is None:
+        return result, ""
+    for name, what, beside in tf2.rows:
+        result.append(_result(name, what, "tf2_py", beside, tf2.times[name], floor_of[beside], with_call))
+    return result, tf2.missing

@@ -63,7 +63,8 @@ def _configuration(frames: int, history: int, args: argparse.Namespace) -> dict[
     from .. import _bench
     from ._python_rows import python_rows
 
-    config: dict[str, Any] = {"frames": frames, "history": history, "rows": [], "skipped": None, "without_tf2": None}
+    config: dict[str, Any] = {"frames": frames, "history": history, "rows": [], "skipped": None}
+    config |= {"without_tf2": None, "without_tf2_py": None}
     found = _native_rows(frames, history, args)
     if found is None:
         return {**config, "skipped": "shared memory is too small"}
@@ -73,7 +74,9 @@ def _configuration(frames: int, history: int, args: argparse.Namespace) -> dict[
     config["rows"] = [row for row in native if row["name"] in floors or "native" in args.engine]
     if "python" in args.engine:
         rounds, round_ns, cpu = args.rounds, args.round_ms * 1e6, _bench.cpus()[args.cpu]
-        config["rows"] += python_rows(frames, history, args.depth, rounds, round_ns, cpu, floors, args.peers) or []
+        python = python_rows(frames, history, args.depth, rounds, round_ns, cpu, floors, args.peers)
+        config["rows"] += python[0] if python else []
+        config["without_tf2_py"] = (python[1] if python else "") or None
     config["comparisons"] = _comparisons(config["rows"])
     return config
 
@@ -120,8 +123,9 @@ def _print(config: dict[str, Any]) -> None:
         return
     _print_rows(config["rows"])
     _print_comparisons(config)
-    if config["without_tf2"]:
-        print(f"  without tf2 in C++: {config['without_tf2']}")
+    for peer in ("tf2", "tf2_py"):
+        if config[f"without_{peer}"]:
+            print(f"  without {peer}: {config[f'without_{peer}']}")
 
 
 def run(args: argparse.Namespace) -> int:

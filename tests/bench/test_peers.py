@@ -258,6 +258,17 @@ def test_micro_where_there_is_no_tf2(
     assert "libtf2-dev" in text and "python3-tf2" in text
 
 
+def test_micro_goes_on_where_tf2_py_breaks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its interpreter, here ours, passes for one that has it."""
+    monkeypatch.setattr("shmtf.bench._python_rows.tf2_python", lambda minor: sys.executable)
+    (config,) = micro(tmp_path, "--engine", "python")["configurations"]
+    assert "tf2_py" in config["without_tf2_py"] or "genpy" in config["without_tf2_py"]
+    assert {row["peer"] for row in config["rows"]} == {None}
+    assert "without tf2_py: the peer's process ended" in capsys.readouterr().out
+
+
 # ---- what is no peer ----
 
 
