@@ -217,6 +217,24 @@ def test_ycsb_with_tf2_in_c(library: str, tmp_path: Path) -> None:
     assert_at_common_time(theirs)
 
 
+def test_ycsb_in_python(tmp_path: Path) -> None:
+    for case in ycsb(tmp_path, "--engine", "python", "--protocol", "shmtf,numpy-lock"):
+        assert_worked(case)
+        assert case["checked_reads"] > 0 and case["mixed_reads"] == 0
+
+
+def test_ycsb_with_tf2_in_python(interpreter: str, tmp_path: Path) -> None:
+    (case,) = ycsb(tmp_path, "--engine", "python", "--protocol", "tf2-python")
+    assert_worked(case)
+    assert_at_common_time(case)
+
+
+def test_ycsb_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert bench.main(["ycsb", "--list", "--engine", "python"]) == 0
+    text = capsys.readouterr().out
+    assert "numpy-lock" in text and ("tf2-python" in text) == (_peers.tf2_python() is not None)
+
+
 # ---- rows of micro ----
 
 
