@@ -16,11 +16,16 @@ from typing import Any
 from .. import _bench
 from . import BenchError
 
-# what tf2 does not do, beside its numbers
+# what they do not do, said beside their numbers
 TF2_LACKS = (
     "tf2: one process (others get copies of every transform as messages), no update of several frames at once, "
     "no newest record of every edge"
 )
+_LACKS = {
+    "tf2": TF2_LACKS,
+    "tf2-python": TF2_LACKS,
+    "numpy-lock": "numpy-lock: no names, no tree, no history, no times; all wait for ever where a holder dies",
+}
 _PROBE = "import sys, tf2_py, genpy, geometry_msgs.msg; sys.exit(sys.version_info < (3, int(sys.argv[1])))"
 # shmtf and shmtf.bench without their __init__, which need what another interpreter may not have
 _START = """import importlib, sys, types
@@ -93,6 +98,11 @@ class Helper:
         for file in (self._process.stdin, self._process.stdout, self._errors):
             if file is not None:
                 file.close()
+
+
+def lacks(chosen: Sequence[str]) -> list[str]:
+    """One line for what some of these protocols do not do."""
+    return list(dict.fromkeys(_LACKS[name] for name in chosen if name in _LACKS))
 
 
 def missing(wanted: Sequence[str]) -> list[str]:

@@ -235,8 +235,9 @@ def _default_protocols(workload: Workload) -> list[str]:
 def _notes(workload: Workload, protocols: list[str], processes: list[int]) -> list[str]:
     """What the reader must be told."""
     from . import _protocols, _transfers
+    from ._peers import lacks
 
-    notes = _protocols.notes(workload.engine)
+    notes = [*_protocols.notes(workload.engine), *lacks(protocols)]
     if workload.opposite:
         notes += _protocols.opposite_notes(protocols)
     if any(_roles(n, workload)[1] for n in processes):

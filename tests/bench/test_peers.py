@@ -217,10 +217,11 @@ def test_ycsb_with_tf2_in_c(library: str, tmp_path: Path) -> None:
     assert_at_common_time(theirs)
 
 
-def test_ycsb_in_python(tmp_path: Path) -> None:
+def test_ycsb_in_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for case in ycsb(tmp_path, "--engine", "python", "--protocol", "shmtf,numpy-lock"):
         assert_worked(case)
         assert case["checked_reads"] > 0 and case["mixed_reads"] == 0
+    assert "numpy-lock: no names" in capsys.readouterr().out
 
 
 def test_ycsb_with_tf2_in_python(interpreter: str, tmp_path: Path) -> None:
