@@ -110,23 +110,34 @@ static void move_up(shmtf_word *to, const shmtf_word *from, size_t bytes) {
     for (size_t i = 0; i < bytes / sizeof *to; i++) store_relaxed(&to[i], load_relaxed(&from[i]));
 }
 
+static void store_double(shmtf_word *w, double d) {
+    uint64_t u;
+    memcpy(&u, &d, sizeof u);
+    store_relaxed(w, u);
+}
+
 /* Append, or first move what is newer up by one. */
 void baseline_put(const bench_client *c, const baseline_item *item, int64_t stamp, int64_t arrival) {
     baseline_frame *f = &c->frames[item->id];
     shmtf_record_head *heads = baseline_heads(c, item->id);
     shmtf_record_body *bodies = baseline_bodies(c, item->id);
-    uint64_t count = load_relaxed(&f->count), at = count, words[SHMTF_POSE_WORDS];
+    uint64_t count = load_relaxed(&f->count), at = count;
     for (; at && count - at < c->mask && (int64_t)load_relaxed(&heads[(at - 1) & c->mask].stamp) > stamp; at--) {
         move_up(&heads[at & c->mask].tag, &heads[(at - 1) & c->mask].tag, sizeof *heads);
         move_up(bodies[at & c->mask].pose, bodies[(at - 1) & c->mask].pose, sizeof *bodies);
     }
     shmtf_record_head *h = &heads[at & c->mask];
     shmtf_record_body *b = &bodies[at & c->mask];
-    memcpy(words, &item->pose, sizeof words);
     store_relaxed(&h->stamp, (uint64_t)stamp);
     store_relaxed(&h->arrival, (uint64_t)arrival);
     store_relaxed(&h->info, 0);
-    for (int i = 0; i < SHMTF_POSE_WORDS; i++) store_relaxed(&b->pose[i], words[i]);
+    store_double(&b->pose[0], item->pose.x);
+    store_double(&b->pose[1], item->pose.y);
+    store_double(&b->pose[2], item->pose.z);
+    store_double(&b->pose[3], item->pose.qx);
+    store_double(&b->pose[4], item->pose.qy);
+    store_double(&b->pose[5], item->pose.qz);
+    store_double(&b->pose[6], item->pose.qw);
     store_relaxed(&b->parent, f->parent);
     store_relaxed(&f->count, count + 1);
 }
