@@ -16,6 +16,7 @@ __all__ = ["main"]
 _COMMANDS = {
     "micro": "what one call costs, beside the floor measured in the same run",
     "compare": "two results of the same command, number by number",
+    "figures": "the sweeps of the thesis and its follow-up, as numbers, pictures and a report",
     "idle": "what processes cost that do nothing, while another one writes",
     "recover": "from the kill of a writer until the next one has written the same frames",
     "scale": "what a call costs by frames, depth, history and processes, and which lines it writes",
