@@ -28,7 +28,7 @@ def _libraries() -> tuple[dict[str, str], list[str]]:
     return loaded, notes
 
 
-def names(engine: str) -> list[str]:
+def names(engine: str = "native") -> list[str]:
     _libraries()
     if engine == "native":
         return list(_bench.protocols())
