@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import queue
@@ -13,26 +14,45 @@ from importlib import import_module
 from typing import Any
 
 
+def remove_names(name: str) -> None:
+    """Of the store and of the semaphore that are called so, where they are there."""
+    import posix_ipc
+
+    import shmtf
+
+    with contextlib.suppress(shmtf.StoreNotFoundError):
+        shmtf.Store.unlink(name)
+    with contextlib.suppress(posix_ipc.ExistentialError):
+        posix_ipc.unlink_semaphore("/" + name)
+
+
 class Link:
     """The line to the coordinator.  A process that waits in C notices the coordinator's death too: the thread that
-    listens sees the pipe close."""
+    listens sees the pipe close, and removes the name of the store that this process was told."""
 
     def __init__(self) -> None:
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._lines: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
+        store = None
         for line in sys.stdin:
-            self._lines.put(line)
+            told = json.loads(line)
+            store = told.get("store", store)
+            self._lines.put(told)
+        if store:
+            remove_names(store)
         os._exit(0)
 
     def hear(self) -> dict[str, Any]:
         """The next thing told; waits for it."""
-        told: dict[str, Any] = json.loads(self._lines.get())
-        return told
+        return self._lines.get()
 
     def tell(self, answer: Any) -> None:
-        print(json.dumps(answer), flush=True)
+        try:
+            print(json.dumps(answer), flush=True)
+        except BrokenPipeError:
+            threading.Event().wait()  # nobody hears it: the thread that listens ends this process
 
 
 def main() -> None:

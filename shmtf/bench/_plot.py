@@ -85,6 +85,14 @@ def series(figure: Figure, cases: list[Case]) -> list[Series]:
     return [Series(name, sorted(points, key=lambda p: p[0])) for name, points in found.items()]
 
 
+def drawable(figure: Figure, all_series: list[Series]) -> list[Series]:
+    """Those with a place on the axes: a logarithmic one has none for 0."""
+    if not figure.log_y:
+        return all_series
+    kept = [Series(s.protocol, [(x, y) for x, y in s.points if y["min"] > 0]) for s in all_series]
+    return [s for s in kept if s.points]
+
+
 def text(figure: Figure, number: float) -> str:
     if figure.unit == "ns":
         return duration(number)
@@ -160,7 +168,8 @@ def _tick(figure: Figure, y: float) -> str:
 
 
 def draw(figure: Figure, all_series: list[Series], subtitle: str, path: Path) -> None:
-    pyplot = __import__("matplotlib.pyplot").pyplot
+    from matplotlib import pyplot
+
     canvas, axes = pyplot.subplots(figsize=_SIZE, layout="constrained")
     try:
         (_draw_points if figure.points else _draw_lines)(axes, figure, all_series)
@@ -172,7 +181,6 @@ def draw(figure: Figure, all_series: list[Series], subtitle: str, path: Path) ->
         _format_values(value_axis, figure)
         axes.set_title(f"{figure.title}\n", loc="left", fontsize=11, fontweight="bold")
         axes.text(0, 1.02, subtitle, transform=axes.transAxes, fontsize=8, color="#555555")
-        value_axis.grid()
         axes.grid(axis="x" if figure.points else "y", color="#DDDDDD", linewidth=0.7)
         axes.set_axisbelow(True)
         axes.spines[["top", "right"]].set_visible(False)

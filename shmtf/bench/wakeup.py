@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
 import time
 from dataclasses import dataclass
@@ -122,6 +121,8 @@ def _assemble(crew: Crew, args: argparse.Namespace) -> tuple[Member, list[Member
 
     import shmtf
 
+    from ._member import remove_names
+
     most = max(args.waiters)
     name = f"shmtf-bench-{os.getpid()}-wakeup"
     store = shmtf.Store.create(name, most + 8, args.n + 16, cache_time=None, stream_bytes=0)
@@ -133,9 +134,7 @@ def _assemble(crew: Crew, args: argparse.Namespace) -> tuple[Member, list[Member
         crew.hear_all()
     finally:
         store.close()
-        shmtf.Store.unlink(name)
-        with contextlib.suppress(posix_ipc.ExistentialError):
-            posix_ipc.unlink_semaphore("/" + name)
+        remove_names(name)
     return source, sinks
 
 
