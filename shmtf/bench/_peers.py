@@ -17,13 +17,13 @@ from .. import _bench
 from . import BenchError
 
 # what they do not do, said beside their numbers
-TF2_LACKS = (
+_TF2_LACKS = (
     "tf2: one process (others get copies of every transform as messages), no update of several frames at once, "
     "no newest record of every edge"
 )
 _LACKS = {
-    "tf2": TF2_LACKS,
-    "tf2-python": TF2_LACKS,
+    "tf2": _TF2_LACKS,
+    "tf2-python": _TF2_LACKS,
     "numpy-lock": "numpy-lock: no names, no tree, no history, no times; all wait for ever where a holder dies",
 }
 _PROBE = "import sys, tf2_py, genpy, geometry_msgs.msg; sys.exit(sys.version_info < (3, int(sys.argv[1])))"

@@ -129,7 +129,7 @@ def _print(config: dict[str, Any]) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ._peers import TF2_LACKS, missing
+    from ._peers import lacks, missing
 
     _settle(args)
     check_writable(args.json)
@@ -137,7 +137,8 @@ def run(args: argparse.Namespace) -> int:
     print(headline(description))
     rounds = f"median of {args.rounds} interleaved rounds, smallest, largest"
     print(f"lookups over {args.depth} edges, updates of {_WRITE_LEN} frames; ns of processor time per call: {rounds}")
-    notes = [*missing(args.engine), TF2_LACKS] if args.peers else []
+    absent = missing(args.engine) if args.peers else []
+    notes = absent + (lacks(["tf2"]) if args.peers and len(absent) < len(args.engine) else [])
     for note in notes:
         print(f"note: {note}")
     configurations = []
