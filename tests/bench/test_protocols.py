@@ -193,3 +193,21 @@ def test_line_transfers_are_counted_or_not_said() -> None:
     (case,) = measure(replace(SHORT, rounds=2), ["giant"], [2])
     known = case["line_transfers_per_operation"]
     assert (known is not None and known["median"] >= 0) if _transfers.event() else known is None
+
+
+@pytest.fixture
+def countable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """An event that counts wherever perf may count at all, in place of the hardware's."""
+    monkeypatch.setattr(_transfers, "_EVENTS", ("no-such-event", "context-switches"))
+    _transfers.event.cache_clear()
+    yield
+    _transfers.event.cache_clear()
+
+
+@pytest.mark.usefixtures("countable")
+def test_events_of_all_workers_are_counted() -> None:
+    if _transfers.event() is None:
+        pytest.skip("perf is not here, or may not count")
+    assert _transfers.event() == "context-switches"
+    (case,) = measure(replace(SHORT, frequency=1000.0), ["giant"], [2])
+    assert case["rounds"][0]["line_transfers"] > 10  # each operation ends in a sleep
