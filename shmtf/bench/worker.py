@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Sequence
 from typing import Any
 
@@ -114,6 +115,15 @@ def _work_in_python(control: _bench.Control, told: dict[str, Any], index: int) -
     return True
 
 
+def _be_thread(control: _bench.Control, told: dict[str, Any], index: int) -> None:
+    try:
+        _work_in_python(control, told, index)
+    except BaseException:  # a thread that ends unseen would be waited for
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
+
+
 def _host_in_python(control: _bench.Control, told: dict[str, Any]) -> bool:
     ((name, wish),) = told["protocols"]
     try:
@@ -123,9 +133,7 @@ def _host_in_python(control: _bench.Control, told: dict[str, Any]) -> bool:
             control.enter(index, told["parent"], 0, repr(error))
         return False
     told = {**told, "protocols": [(name, place)]}
-    threads = [
-        threading.Thread(target=_work_in_python, args=(control, told, index)) for index in range(told["workers"])
-    ]
+    threads = [threading.Thread(target=_be_thread, args=(control, told, index)) for index in range(told["workers"])]
     for thread in threads:
         thread.start()
     for thread in threads:

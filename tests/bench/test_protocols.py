@@ -172,6 +172,13 @@ def test_a_host_that_cannot_make_its_memory_says_why() -> None:
         pass
 
 
+@pytest.mark.usefixtures("hosted")
+def test_a_thread_that_fails_ends_its_host() -> None:
+    job: Any = replace(JOB, engine="python", check_every=None)  # type: ignore[arg-type]
+    with Team(job, ["shmtf"], 2) as team, pytest.raises(BenchError, match="the host of shmtf is dead: TypeError"):
+        team.run(Phase("shmtf", 2, 1, False, 0.5, False), 0.0, 60.0, 1)
+
+
 # ---- what is loaded, what is said ----
 
 
