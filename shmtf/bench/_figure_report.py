@@ -58,7 +58,7 @@ def _table(figure: Figure, all_series: list[Series]) -> list[str]:
         head = [figure.x_label, *(s.protocol for s in all_series)]
         xs = sorted({x for s in all_series for x, _ in s.points})
         found = {(s.protocol, x): _plot.text(figure, y["median"]) for s in all_series for x, y in s.points}
-        rows = [[f"{x:g}", *(found.get((s.protocol, x), "-") for s in all_series)] for x in xs]
+        rows = [[f"{x:,.10g}", *(found.get((s.protocol, x), "-") for s in all_series)] for x in xs]
     return [f"| {' | '.join(row)} |" for row in (head, ["---", *["---:"] * (len(head) - 1)], *rows)]
 
 

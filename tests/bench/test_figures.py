@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from shmtf import bench
-from shmtf.bench import _plot
+from shmtf.bench import _plot, figures
 from shmtf.bench._figure_list import FIGURES
 from shmtf.bench._groups import GROUPS, QUICK, REDUCED
 
@@ -59,11 +59,21 @@ def test_pictures_of_what_is_there(out: Path) -> None:
 def test_other_parameters_are_measured_anew(out: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     for path in out.glob("*.json"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    (tmp_path / "ycsb-a.json").write_text((out / "ycsb-a.json").read_text()[:100])  # a damaged one
     args = ["figures", "--quick", "--protocol", "shmtf", "--out", str(tmp_path), "--groups", "ycsb-a", "--no-pictures"]
     assert bench.main(args) == 0
     assert "kept" not in capsys.readouterr().out
     assert {c["protocol"] for c in json.loads((tmp_path / "ycsb-a.json").read_text())["cases"]} == {"shmtf"}
+
+
+def test_a_damaged_file_is_no_result(out: Path, tmp_path: Path) -> None:
+    text = (out / "drones.json").read_text()
+    parameters = json.loads(text)["parameters"]
+    path = tmp_path / "drones.json"
+    assert figures._load(path, parameters) is None
+    path.write_text(text[:100])
+    assert figures._load(path, parameters) is None
+    path.write_text(text)
+    assert figures._load(path, parameters)
 
 
 def test_interrupt_leaves_a_report_of_what_is_complete(tmp_path: Path) -> None:
