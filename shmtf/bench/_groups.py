@@ -169,6 +169,10 @@ class Group:
                     cases += step.measure()
                 except BenchError as error:
                     notes.append(f"left out, {step.workload.frames} frames, {','.join(step.protocols)}: {error}")
+        for case in cases:
+            if case["failures"]:
+                why = next(r["first_failure"] for r in case["rounds"] if r["failures"])
+                notes.append(f"{case['protocol']}, {case['processes']} processes: {case['failures']} failures: {why}")
         if steps and not cases:
             raise BenchError(f"{self.name}: nothing could be measured; {notes[0]}")
         return cases, notes
