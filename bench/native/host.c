@@ -4,6 +4,7 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "verify.h"
 #include "worker.h"
@@ -21,12 +22,18 @@ static void *run(void *given) {
     return NULL;
 }
 
-static bool fail_all(bench_control *c, const char *why) {
-    for (uint32_t i = 0; i < c->n_workers; i++) {
+static bool fail_from(bench_control *c, uint32_t first, const char *why) {
+    for (uint32_t i = first; i < c->n_workers; i++) {
         snprintf(c->worker[i].error, BENCH_ERROR_SIZE, "%s", why);
         bench_worker_enter(&c->worker[i], false);
     }
     return false;
+}
+
+static void wait_until_attached(const bench_control *c) {
+    const struct timespec turn = {0, 1000000};
+    for (uint32_t i = 0; i < c->n_workers; i++)
+        while (load32_acquire(&c->worker[i].state) == WORKER_STARTING) nanosleep(&turn, NULL);
 }
 
 static void run_all(bench_control *c, const bench_job *job, hosted *all) {
@@ -35,12 +42,10 @@ static void run_all(bench_control *c, const bench_job *job, hosted *all) {
     for (int failed = 0; n < c->n_workers && !failed; n += !failed) {
         all[n] = (hosted){c, job, n, 0};
         failed = pthread_create(&all[n].thread, NULL, run, &all[n]);
-        if (failed) {
-            bench_worker *w = &c->worker[n];
-            snprintf(w->error, sizeof w->error, "a thread: %s", strerror(failed));
-            bench_worker_enter(w, false);
-        }
+        if (failed) fail_from(c, n, strerror(failed));
     }
+    wait_until_attached(c);
+    job->protocols[0]->remove(job->places[0]); /* nothing is left even where this process is killed */
     while (n-- > 0) pthread_join(all[n].thread, NULL); /* they leave when the coordinator says so */
 }
 
@@ -48,13 +53,16 @@ bool bench_host(bench_control *c, bench_job *job) {
     const bench_protocol *p = job->protocols[0];
     char place[BENCH_PLACE_SIZE], error[BENCH_ERROR_SIZE] = "";
     snprintf(place, sizeof place, "%s", job->places[0]);
-    if (!p->create(place, &job->shape, error)) return fail_all(c, error);
+    if (!p->create(place, &job->shape, error)) return fail_from(c, 0, error);
     job->places[0] = place;
     hosted *all = calloc(c->n_workers, sizeof *all);
     bool ok = bench_verify(p, place, &job->shape, error) && all;
-    if (ok) run_all(c, job, all);
-    else fail_all(c, all ? error : "no memory");
+    if (ok) {
+        run_all(c, job, all);
+    } else {
+        p->remove(place);
+        fail_from(c, 0, all ? error : "no memory");
+    }
     free(all);
-    p->remove(place);
     return ok;
 }

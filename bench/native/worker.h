@@ -23,7 +23,7 @@ typedef struct {
 /* Attach, then run phases until told to stop.  False: it could not attach; why is in the worker's part. */
 bool bench_work(bench_control *c, uint32_t index, const bench_job *job);
 /* Be the process whose threads are the workers of job's only protocol, which needs that: make its memory, run
- * bench_work in a thread for each, remove it.  False: it could not be made; why is in every worker's part. */
+ * bench_work in a thread for each, remove its name.  False: it could not be made; why is in every worker's part. */
 bool bench_host(bench_control *c, bench_job *job);
 /* This process ends when `parent` does. */
 void bench_die_with(int parent);

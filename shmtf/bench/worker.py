@@ -136,9 +136,11 @@ def _host_in_python(control: _bench.Control, told: dict[str, Any]) -> bool:
     threads = [threading.Thread(target=_be_thread, args=(control, told, index)) for index in range(told["workers"])]
     for thread in threads:
         thread.start()
+    while not all(control.state(index)[0] for index in range(told["workers"])):
+        time.sleep(0.001)
+    PYTHON_PROTOCOLS[name].remove(place)  # as soon as all are attached: nothing is left even where this is killed
     for thread in threads:
         thread.join()
-    PYTHON_PROTOCOLS[name].remove(place)
     return True
 
 

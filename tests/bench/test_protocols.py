@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -118,10 +119,15 @@ def test_mixed_rates_refuse(change: dict[str, Any], processes: int, part: str) -
 # ---- threads of a host ----
 
 
+def names_left() -> list[str]:
+    return [name for name in os.listdir("/dev/shm") if name.startswith(f"shmtf-bench-{os.getpid()}")]
+
+
 @pytest.fixture
 def hosted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Any protocol can be hosted; only some must."""
-    monkeypatch.setattr(_protocols, "is_hosted", lambda engine, name: name == "silo" or engine == "python")
+    chosen = {"silo", "shmtf-common"}
+    monkeypatch.setattr(_protocols, "is_hosted", lambda engine, name: name in chosen or engine == "python")
 
 
 @pytest.mark.usefixtures("hosted")
@@ -177,6 +183,14 @@ def test_a_thread_that_fails_ends_its_host() -> None:
     job: Any = replace(JOB, engine="python", check_every=None)  # type: ignore[arg-type]
     with Team(job, ["shmtf"], 2) as team, pytest.raises(BenchError, match="the host of shmtf is dead: TypeError"):
         team.run(Phase("shmtf", 2, 1, False, 0.5, False), 0.0, 60.0, 1)
+    assert names_left() == []
+
+
+@pytest.mark.usefixtures("hosted")
+def test_a_host_removes_names_as_soon_as_all_are_attached() -> None:
+    with Team(JOB, ["shmtf-common"], 2):
+        while names_left():  # the suite's watchdog ends a wait in vain
+            time.sleep(0.01)
 
 
 # ---- what is loaded, what is said ----
