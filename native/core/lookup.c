@@ -24,20 +24,6 @@ static void interpolate(int64_t t, const ring_around_result *a, ring_record *r) 
     r->pose = pose_interpolate(&a->before.pose, &a->after.pose, ratio_at(t, a->before.stamp, a->after.stamp));
 }
 
-/* The plain case of lookup_step_at. */
-static bool step_at_quick(const lookup *l, shmtf_frame frame, ring_record *r) {
-    ring_bracket b;
-    const shmtf_frame_words_t *f = &l->s->frames[frame.id];
-    if (!ring_bracket_quick(l->s, frame.id, l->snapshot, l->time, &b) || b.newest_tag <= l->clears.dynamic_upto) return false;
-    if ((uint32_t)load_relaxed(&f->gen) != frame.gen || load_relaxed(&f->floor) > commit_version(l->snapshot)) return false;
-    r->stamp = b.stamp;
-    r->parent = b.parent;
-    r->info = info_make(0, KIND_DYNAMIC, 0, 0);
-    r->pose = b.stamp == l->time || b.parent != b.parent_after ? b.pose
-              : pose_interpolate(&b.pose, &b.pose_after, ratio_at(l->time, b.stamp, b.stamp_after));
-    return true;
-}
-
 static lookup_status edge_failed(lookup *l, shmtf_frame frame, const ring_around_result *a) {
     l->failed = frame;
     l->failed_parent = parent_frame(a->newest.parent);
@@ -51,7 +37,6 @@ lookup_status lookup_step_at(lookup *l, shmtf_frame frame, ring_record *r, tree_
     ring_around_result a;
     *step = STEP_GONE;
     if (!frame.id || frame.id > l->s->geo.max_frames) return LOOKUP_OK;
-    if (step_at_quick(l, frame, r)) return *step = STEP_EDGE, LOOKUP_OK;
     ring_status st = ring_around(l->s, frame.id, l->snapshot, l->time, &a);
     fence_acquire();
     *step = tree_classify(l->s, l->snapshot, &l->clears, frame, st, &a.newest);
@@ -86,93 +71,38 @@ static inline void use_edge(lookup *l, chain *c, bool from_source, const ring_re
     if (c->depth) c->depth--;
 }
 
-/* Edges composed in a row and checked together afterwards.  Composing waits for its own last result, finding the next
- * record does not: in one loop the processor does both at once. */
-enum { RUN_MOST = 32 };
-typedef struct {
-    const shmtf_frame_words_t *frame[RUN_MOST];
-    uint64_t lock[RUN_MOST];
-    shmtf_pose pose;       /* T_cur_start */
-    shmtf_frame cur, last; /* where it stopped, and the frame below */
-    int64_t oldest, newest;
-    uint32_t n_dynamic;
-} edge_run;
-
-/* Find and compose up to `most` edges above run->cur whose newest record is the plain case. */
-static uint32_t gather(const lookup *l, edge_run *run, bool has_pose, uint32_t most, shmtf_edge *edge, int stride) {
-    const shmtf_segment *s = l->s;
-    const uint64_t version = commit_version(l->snapshot), max_frames = s->geo.max_frames;
-    const uint64_t upto[16] = {UINT64_MAX, UINT64_MAX, l->clears.dynamic_upto, l->clears.static_upto, UINT64_MAX, UINT64_MAX,
-                               UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX,
-                               UINT64_MAX, UINT64_MAX}; /* per kind: versions that do not count as edges */
-    local_hint *above = l->above;
-    shmtf_frame cur = run->cur, last = run->last;
-    shmtf_pose pose = run->pose;
-    uint32_t n = 0;
-    for (; n < most && cur.id - 1ull < max_frames; n++) {
-        uint32_t seen = hint_get(&above[cur.id]), next = opaque32(seen);
-        ring_place p;
-        if (!ring_newest_place(s, cur.id, version, &p)) break;
-        uint64_t info = load_relaxed(&p.head->info), parent = load_relaxed(&p.body->parent);
-        int64_t stamp = (int64_t)load_relaxed(&p.head->stamp);
-        if (p.tag <= upto[info_kind(info)] || (uint32_t)load_relaxed(&p.f->gen) != cur.gen) break;
-        if (info_kind(info) == KIND_DYNAMIC) {
-            run->oldest = stamp < run->oldest ? stamp : run->oldest;
-            run->newest = stamp > run->newest ? stamp : run->newest;
-            run->n_dynamic++;
-        }
-        run->frame[n] = p.f;
-        run->lock[n] = p.lock;
-        if (edge) {
-            *edge = (shmtf_edge){parent_frame(parent), cur, stamp, info_kind(info) == KIND_STATIC};
-            edge += stride;
-        }
-        if (parent_frame(parent).id != seen) {
-            next = parent_frame(parent).id;
-            hint_set(&above[cur.id], next);
-        }
-        last = cur;
-        cur = (shmtf_frame){next, parent_frame(parent).gen};
-        shmtf_pose T_parent_child = ring_pose(p.body);
-        pose = has_pose ? pose_compose(&T_parent_child, &pose) : T_parent_child;
-        has_pose = true;
-    }
-    run->cur = cur;
-    run->last = last;
-    run->pose = pose;
-    return n;
-}
-
-static bool run_holds(const edge_run *run, uint32_t n) {
-    uint64_t moved = 0;
-    fence_acquire(); /* [E3 acquire] [E7 acquire] */
-    for (uint32_t i = 0; i < n; i++) moved |= load_relaxed(&run->frame[i]->lock) ^ run->lock[i];
-    return !moved;
-}
-
-/* Up to `steps` newest edges in a row; false: the next edge needs the general way. */
+/* Up to `steps` edges in a row; false: the next edge needs the general way. */
 static bool run_up(lookup *l, chain *c, bool from_source, uint32_t steps) {
-    edge_run run;
-    run.cur = c->cur;
-    run.last = c->last;
-    run.oldest = l->oldest;
-    run.newest = l->newest;
-    run.n_dynamic = l->n_dynamic;
+    edge_run run; /* not zeroed: most of it is written as the run goes */
     uint32_t most = steps < RUN_MOST ? steps : RUN_MOST;
     bool room = l->edges && c->n + most <= l->max_edges;
-    shmtf_edge *edge = room ? l->edges + (from_source ? c->n : l->max_edges - 1 - c->n) : NULL;
-    run.pose = c->pose;
-    uint32_t n = gather(l, &run, c->n != 0, most, edge, from_source ? 1 : -1);
-    if (!n || !run_holds(&run, n)) return false;
-    c->pose = run.pose;
-    l->oldest = run.oldest;
-    l->newest = run.newest;
-    l->n_dynamic = run.n_dynamic;
-    c->last = run.last;
-    c->cur = run.cur;
+    run.s = l->s;
+    run.snapshot = l->snapshot;
+    run.clears = &l->clears;
+    run.above = l->above;
+    run.at_time = l->at_time;
+    run.time = l->time;
+    run.chain = (edge_chain){.cur = c->cur, .last = c->last, .pose = c->pose, .has_pose = c->n != 0,
+                             .oldest = l->oldest, .newest = l->newest, .n_dynamic = l->n_dynamic,
+                             .edge = room ? l->edges + (from_source ? c->n : l->max_edges - 1 - c->n) : NULL,
+                             .stride = from_source ? 1 : -1};
+    uint32_t n = run_edges(&run, most);
+    if (!n) return false;
+    c->pose = run.chain.pose;
+    c->last = run.chain.last;
+    c->cur = run.chain.cur;
     c->n += n;
     c->depth = c->depth > n ? c->depth - n : 0;
+    l->oldest = run.chain.oldest;
+    l->newest = run.chain.newest;
+    l->n_dynamic = run.chain.n_dynamic;
     return true;
+}
+
+/* How far the deeper chain is above the other, or how far both are below where they should meet. */
+static uint32_t steps_up(const lookup *l, const chain *c, const chain *other) {
+    if (c->depth > other->depth) return c->depth - other->depth;
+    return c->depth == other->depth && !other->ended ? run_meeting(l->s, l->above, c->cur.id, other->cur.id) : 1;
 }
 
 static inline bool same(shmtf_frame a, shmtf_frame b) { return a.id == b.id && a.gen == b.gen; }
@@ -183,7 +113,7 @@ static tree_step existence(const lookup *l, shmtf_frame frame) {
     ring_record r;
     ring_place p;
     if (frame.id - 1ull < s->geo.max_frames && ring_newest_place(s, frame.id, commit_version(l->snapshot), &p)) {
-        record_kind kind = info_kind(load_relaxed(&p.head->info));
+        record_kind kind = info_kind(load_relaxed(&p.newest->info));
         bool life = (uint32_t)load_relaxed(&p.f->gen) == frame.gen && load_relaxed(&p.f->floor) <= commit_version(l->snapshot);
         fence_acquire(); /* [E3 acquire] [E7 acquire] */
         if (life && load_relaxed(&p.f->lock) == p.lock) return kind == KIND_REMOVED ? STEP_GONE : STEP_ROOT;
@@ -203,7 +133,7 @@ static lookup_status climb(lookup *l, chain *a, chain *b) {
         if (c->ended) return LOOKUP_DISCONNECTED;
         if (a->n + b->n > limit) return LOOKUP_LOOP;
         const chain *other = up_a ? b : a;
-        if (!l->at_time && run_up(l, c, up_a, c->depth > other->depth ? c->depth - other->depth : 1)) continue;
+        if (run_up(l, c, up_a, steps_up(l, c, other))) continue;
         ring_record r;
         tree_step step;
         lookup_status st = step_up(l, c->cur, &r, &step);

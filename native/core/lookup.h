@@ -11,15 +11,11 @@
  * proves nothing.  The second walk measures: it climbs both sides to their ends at S, which gives exact depths and
  * says whether the ends are one.  Two chains at the same S and time that meet go on together, so different ends mean
  * that no path exists.
- *
- * Speed.  Which line to read next depends on a record that is still being read: a chain of cache latencies.  The parent
- * last seen for a frame is remembered, so that the next frame's lines are on their way while this record is checked; the
- * record decides.
  */
 #ifndef SHMTF_CORE_LOOKUP_H
 #define SHMTF_CORE_LOOKUP_H
 
-#include "core/tree.h"
+#include "core/run.h"
 
 typedef struct {
     const shmtf_segment *s;

@@ -104,24 +104,20 @@ ring_status ring_latest_any(const shmtf_segment *s, uint32_t id, uint64_t snapsh
     return RING_OLD; /* re-examine under a newer S instead of spinning here */
 }
 
-static int64_t stamp_at(const ring_view *v, uint64_t p) {
-    return (int64_t)load_relaxed(&v->ring.heads[ring_slot(&v->ring, v->head, p)].stamp);
+static int64_t stamp_in(const ring_ref *r, uint64_t head, uint64_t p) {
+    return (int64_t)load_relaxed(&r->heads[ring_slot(r, head, p)].stamp);
 }
+static int64_t stamp_at(const ring_view *v, uint64_t p) { return stamp_in(&v->ring, v->head, p); }
 
-/* The last position in [lo, hi) with a stamp <= t, or lo-1; the stamp at hi is > t.  Guesses from the period of the
- * two newest, then gallops, then halves: a steady sensor costs two or three probes at any age. */
-static uint64_t last_not_after(const ring_view *v, uint64_t lo, uint64_t hi, int64_t t) {
-    uint64_t left = lo - 1, right = hi, step = 1;
+/* Gallops from the guess, then halves. */
+uint64_t ring_last_not_after(const ring_ref *r, uint64_t head, uint64_t lo, uint64_t hi, uint64_t guess, int64_t t) {
+    uint64_t left = lo - 1, right = hi, step = 1, p = guess;
     if (hi <= lo) return left;
-    int64_t newest = stamp_at(v, hi);
-    uint64_t period = (uint64_t)newest - (uint64_t)stamp_at(v, hi - 1);
-    uint64_t back = period ? ((uint64_t)newest - (uint64_t)t) / period : 1;
-    uint64_t p = back < hi - lo ? hi - (back ? back : 1) : lo;
-    if (stamp_at(v, p) > t) {
+    if (stamp_in(r, head, p) > t) {
         right = p;
         while (right > lo) {
             p = right - (step < right - lo ? step : right - lo);
-            if (stamp_at(v, p) <= t) {
+            if (stamp_in(r, head, p) <= t) {
                 left = p;
                 break;
             }
@@ -132,7 +128,7 @@ static uint64_t last_not_after(const ring_view *v, uint64_t lo, uint64_t hi, int
         left = p;
         while (left + 1 < right) {
             p = step < right - 1 - left ? left + step : right - 1;
-            if (stamp_at(v, p) > t) {
+            if (stamp_in(r, head, p) > t) {
                 right = p;
                 break;
             }
@@ -142,40 +138,18 @@ static uint64_t last_not_after(const ring_view *v, uint64_t lo, uint64_t hi, int
     }
     while (right - left > 1) {
         uint64_t middle = left + (right - left) / 2;
-        if (stamp_at(v, middle) > t) right = middle;
+        if (stamp_in(r, head, middle) > t) right = middle;
         else left = middle;
     }
     return left;
 }
 
-bool ring_bracket_quick(const shmtf_segment *s, uint32_t id, uint64_t snapshot, int64_t t, ring_bracket *out) {
-    ring_view v;
-    ring_place p;
-    if (!ring_newest_place(s, id, commit_version(snapshot), &p) || !(p.head_word & HEAD_BIG)) return false;
-    v.f = p.f;
-    v.lock = p.lock;
-    v.head = p.head_word;
-    if (!ring_bind(s, id, v.head, &v.ring)) return false;
-    uint64_t info = load_relaxed(&p.head->info), count = head_count(v.head), mask = ring_mask(&v.ring);
-    uint64_t base = info_base(info, count), window = window_first(&v), first = base > window ? base : window, at = count;
-    int64_t newest = (int64_t)load_relaxed(&p.head->stamp);
-    if (info_kind(info) != KIND_DYNAMIC || t > newest) return false;
-    if (t < newest) at = last_not_after(&v, first, count, t);
-    if (at < first) return false;
-    const shmtf_record_body *b = &v.ring.bodies[(at - 1) & mask], *after = &v.ring.bodies[at & mask];
-    out->newest_tag = p.tag; /* without late stamps positions follow commits: what is older than it is not newer than S */
-    out->stamp = stamp_at(&v, at);
-    out->parent = load_relaxed(&b->parent);
-    out->pose = ring_pose(b);
-    if (out->stamp != t) {
-        out->stamp_after = stamp_at(&v, at + 1);
-        out->parent_after = load_relaxed(&after->parent);
-        out->pose_after = ring_pose(after);
-        if (at + 1 < count && stamp_at(&v, at + 2) == out->stamp_after) return false; /* the last of equals counts */
-        if (out->stamp > t || out->stamp_after <= t) return false;
-    }
-    fence_acquire(); /* [E3 acquire] */
-    return out->stamp >= ring_horizon(s, newest) && load_relaxed(&p.f->lock) == p.lock;
+/* The same in a view, with the period of the two newest as a guess: a steady sensor costs a few probes at any age. */
+static uint64_t last_not_after(const ring_view *v, uint64_t lo, uint64_t hi, int64_t t) {
+    if (hi <= lo) return lo - 1;
+    int64_t newest = stamp_at(v, hi);
+    uint64_t period = (uint64_t)newest - (uint64_t)stamp_at(v, hi - 1);
+    return ring_last_not_after(&v->ring, v->head, lo, hi, ring_guess(lo, hi, newest, period, t), t);
 }
 
 /* First position of the segment that is in force at S, as far as it still lives. */

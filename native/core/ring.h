@@ -108,9 +108,9 @@ static inline uint64_t ring_slot(const ring_ref *r, uint64_t head, uint64_t posi
     return load32_relaxed(&r->index[((head_flips(head) & 1) << r->log2) + at]) & mask;
 }
 
-HOT_INLINE shmtf_pose ring_pose(const shmtf_record_body *b) {
-    return (shmtf_pose){load_double(&b->pose[0]), load_double(&b->pose[1]), load_double(&b->pose[2]), load_double(&b->pose[3]),
-                        load_double(&b->pose[4]), load_double(&b->pose[5]), load_double(&b->pose[6])};
+HOT_INLINE shmtf_pose ring_pose(const shmtf_word pose[SHMTF_POSE_WORDS]) {
+    return (shmtf_pose){load_double(&pose[0]), load_double(&pose[1]), load_double(&pose[2]), load_double(&pose[3]),
+                        load_double(&pose[4]), load_double(&pose[5]), load_double(&pose[6])};
 }
 
 HOT_INLINE void ring_copy(const shmtf_record_head *h, const shmtf_record_body *b, ring_record *out) {
@@ -118,54 +118,42 @@ HOT_INLINE void ring_copy(const shmtf_record_head *h, const shmtf_record_body *b
     out->arrival = load_relaxed(&h->arrival);
     out->info = load_relaxed(&h->info);
     out->parent = load_relaxed(&b->parent);
-    out->pose = ring_pose(b);
+    out->pose = ring_pose(b->pose);
 }
 
 /* The general case of ring_latest: the frame is locked, or its newest record is newer than S. */
 ring_status ring_latest_any(const shmtf_segment *s, uint32_t id, uint64_t snapshot, ring_record *out);
 
-/* Where a frame's newest record is. */
+/* A frame's newest record, as its copy beside the lock says. */
 typedef struct {
     const shmtf_frame_words_t *f;
-    const shmtf_record_head *head;
-    const shmtf_record_body *body;
-    uint64_t lock, head_word, tag;
+    const shmtf_newest *newest;
+    uint64_t lock, tag;
 } ring_place;
 
-/* The common case: nobody writes the frame, its newest record is not newer than S, and no late stamp has come.
- * False: nothing is known, ask ring_latest_any.  Whatever is read at the place and of the frame counts if, after an
- * acquire fence, the lock word is still the same: to change anything somebody must have owned the lock, and no lock
- * word occurs twice.  (That a writer's lock is seen by whoever saw its data is what its release fence is for.) */
+/* The common case: nobody writes the frame, and its newest record is not newer than S.  False: nothing is known, ask
+ * ring_latest_any.  Whatever is read at the place, of the frame and of its ring counts if, after an acquire fence, the
+ * lock word is still the same: to change anything somebody must have owned the lock, and no lock word occurs twice.
+ * (That a writer's lock is seen by whoever saw its data is what its release fence is for.) */
 HOT_INLINE bool ring_newest_place(const shmtf_segment *s, uint32_t id, uint64_t version, ring_place *p) {
-    const shmtf_frame_words_t *f = &s->frames[id];
-    uint64_t lock = load_acquire(&f->lock); /* [E5 acquire] */
-    uint64_t head0 = load_acquire(&f->head[0]), head1 = load_acquire(&f->head[1]), word = load_relaxed(&f->ring);
-    uint64_t head = lock & LOCK_SEL ? head1 : head0; /* both loads start at once */
-    if ((int64_t)(lock | head) < 0) return false;    /* LOCK_OWNED or HEAD_INDEXED */
-    if (head & HEAD_BIG) {
-        unsigned log2 = ring_word_log2(word);
-        uint64_t records = 1ull << log2, slot = (head - 1) & (records - 1), at = ring_word_offset(word);
-        if (at >= s->ring_limit[log2]) return false;
-        p->head = (const shmtf_record_head *)(const void *)(s->arena + at) + slot;
-        p->body = (const shmtf_record_body *)(const void *)(s->arena + at + records * sizeof(shmtf_record_head)) + slot;
-    } else {
-        uint64_t slot = (head - 1) & ((1 << SHMTF_INLINE_LOG2) - 1); /* no record yet: a slot with tag 0 */
-        p->head = &s->inlines[id].head[slot];
-        p->body = &s->inlines[id].body[slot];
-    }
-    p->f = f;
-    p->lock = lock;
-    p->head_word = head;
-    p->tag = load_acquire(&p->head->tag); /* [E3 acquire] */
-    return p->tag - 1 < version;          /* neither 0, nor an owner's, nor newer than S */
+    p->f = &s->frames[id];
+    p->lock = load_acquire(&p->f->lock); /* [E5 acquire] */
+    p->newest = &p->f->newest[lock_sel(p->lock)];
+    p->tag = load_acquire(&p->newest->tag);
+    return (int64_t)p->lock >= 0 && p->tag - 1 < version; /* not owned; neither 0, nor an owner's tag, nor newer than S */
 }
 
+/* Without the time of arrival, which the copy does not hold. */
 HOT_INLINE bool ring_latest_quick(const shmtf_segment *s, uint32_t id, uint64_t snapshot, ring_record *out) {
     ring_place p;
     if (!ring_newest_place(s, id, commit_version(snapshot), &p)) return false;
-    ring_copy(p.head, p.body, out);
     out->version = p.tag;
-    out->position = head_count(p.head_word);
+    out->stamp = (int64_t)load_relaxed(&p.newest->stamp);
+    out->arrival = 0;
+    out->info = load_relaxed(&p.newest->info);
+    out->parent = load_relaxed(&p.newest->parent);
+    out->pose = ring_pose(p.newest->pose);
+    out->position = head_count(load_relaxed(&p.f->head[lock_sel(p.lock)]));
     fence_acquire(); /* [E3 acquire] */
     return load_relaxed(&p.f->lock) == p.lock;
 }
@@ -187,14 +175,14 @@ typedef struct {
  * (negative: any) behind the newest do not exist. */
 ring_status ring_around(const shmtf_segment *s, uint32_t id, uint64_t snapshot, int64_t t, ring_around_result *out);
 
-/* The plain case of ring_around: nobody writes the frame, no late stamp has come, t lies between two records or on one,
- * and both have distinct neighbours.  False: nothing is known. */
-typedef struct {
-    uint64_t newest_tag, parent, parent_after;
-    int64_t stamp, stamp_after; /* stamp == t: the pose is exact, nothing after is set */
-    shmtf_pose pose, pose_after;
-} ring_bracket;
-bool ring_bracket_quick(const shmtf_segment *s, uint32_t id, uint64_t snapshot, int64_t t, ring_bracket *out);
+/* Where in [lo, hi), which is not empty, the last stamp <= t is likely to be; `newest` > t is the stamp at hi. */
+static inline uint64_t ring_guess(uint64_t lo, uint64_t hi, int64_t newest, uint64_t period, int64_t t) {
+    uint64_t age = (uint64_t)newest - (uint64_t)t, back = period ? (age - 1) / period + 1 : 1;
+    return back < hi - lo ? hi - back : lo;
+}
+/* The last position in [lo, hi) with a stamp <= t, or lo - 1; the stamp at hi is > t.  `guess` in [lo, hi): where to
+ * begin; a right guess costs two probes. */
+uint64_t ring_last_not_after(const ring_ref *r, uint64_t head, uint64_t lo, uint64_t hi, uint64_t guess, int64_t t);
 
 /* Copy up to `max` readable records of the segment in force at S, newest first; *n: how many. */
 ring_status ring_list(const shmtf_segment *s, uint32_t id, uint64_t snapshot, ring_record *out, size_t max, size_t *n);
@@ -209,6 +197,8 @@ typedef struct {
     uint64_t head0;      /* in force before */
     uint64_t head;       /* in force if this commits */
     bool used;           /* something was staged */
+    bool copied;         /* the copy of the newest record is as `head` says */
+    bool newest_is_ours; /* and that record was staged by this transaction */
     bool reindexed;      /* this transaction has written the index half that is not in force */
 } ring_writer;
 
@@ -216,9 +206,12 @@ typedef struct {
 void ring_newest_locked(const shmtf_segment *s, const ring_writer *w, ring_record *out);
 
 /* Append in the plain case: a dynamic record under the same parent, later than the newest, which has a version above
- * `upto`, in a ring without late stamps.  False: nothing was done, ring_put_locked knows what to do. */
+ * `upto`.  False: nothing was done, ring_put_locked knows what to do. */
 bool ring_append_locked(const shmtf_segment *s, ring_writer *w, uint64_t upto, int64_t stamp, int64_t arrival, uint64_t parent,
                         const shmtf_pose *pose, uint16_t writer);
+
+/* Before the commit: the copy of the newest record as `head` says, unless it is that already. */
+void ring_copy_newest_locked(const shmtf_segment *s, ring_writer *w);
 
 typedef enum { PUT_OK, PUT_REPEAT, PUT_DROPPED, PUT_TOO_MANY, PUT_CORRUPT } put_status;
 /* Stage a record behind the head.  rec: stamp, arrival, info (base is filled in), parent, pose.  start: the record

@@ -26,6 +26,16 @@ static void store_double(shmtf_word *w, double d) {
     store_relaxed(w, u);
 }
 
+static inline void store_pose(shmtf_word word[SHMTF_POSE_WORDS], const shmtf_pose *pose) {
+    store_double(&word[0], pose->x);
+    store_double(&word[1], pose->y);
+    store_double(&word[2], pose->z);
+    store_double(&word[3], pose->qx);
+    store_double(&word[4], pose->qy);
+    store_double(&word[5], pose->qz);
+    store_double(&word[6], pose->qw);
+}
+
 /* Fill a slot.  The tag says "being written" before the first word changes. */
 HOT_INLINE void record_write(shmtf_record_head *h, shmtf_record_body *b, uint64_t own_tag, int64_t stamp, uint64_t arrival,
                              uint64_t info, uint64_t parent, const shmtf_pose *pose) {
@@ -35,35 +45,64 @@ HOT_INLINE void record_write(shmtf_record_head *h, shmtf_record_body *b, uint64_
     store_relaxed(&h->stamp, (uint64_t)stamp);
     store_relaxed(&h->arrival, arrival);
     store_relaxed(&h->info, info);
-    store_double(&b->pose[0], pose->x);
-    store_double(&b->pose[1], pose->y);
-    store_double(&b->pose[2], pose->z);
-    store_double(&b->pose[3], pose->qx);
-    store_double(&b->pose[4], pose->qy);
-    store_double(&b->pose[5], pose->qz);
     SHMTF_FAILPOINT("half-written");
-    store_double(&b->pose[6], pose->qw);
+    store_pose(b->pose, pose);
     store_relaxed(&b->parent, parent);
+}
+
+HOT_INLINE void newest_write(shmtf_newest *n, uint64_t tag, int64_t stamp, uint64_t info, uint64_t period, uint64_t parent,
+                             const shmtf_pose *pose) {
+    store_relaxed(&n->tag, tag);
+    store_relaxed(&n->stamp, (uint64_t)stamp);
+    store_relaxed(&n->info, info);
+    store_relaxed(&n->period, period);
+    SHMTF_FAILPOINT("half-copied");
+    store_pose(n->pose, pose);
+    store_relaxed(&n->parent, parent);
 }
 
 bool ring_append_locked(const shmtf_segment *s, ring_writer *w, uint64_t upto, int64_t stamp, int64_t arrival, uint64_t parent,
                         const shmtf_pose *pose, uint16_t writer) {
     ring_ref r;
     uint64_t count = head_count(w->head);
-    if ((w->head & (HEAD_BIG | HEAD_INDEXED)) != HEAD_BIG || !count || !ring_bind(s, w->id, w->head, &r)) return false;
-    uint64_t mask = ring_mask(&r), at = (count - 1) & mask, next = count & mask, live = shmtf_ring_live(r.log2);
-    const shmtf_record_head *newest = &r.heads[at];
-    uint64_t info = load_relaxed(&newest->info), base = info_base(info, count);
-    if (load_relaxed(&newest->tag) <= upto || info_kind(info) != KIND_DYNAMIC || (int64_t)load_relaxed(&newest->stamp) >= stamp ||
-        load_relaxed(&r.bodies[at].parent) != parent || count - head_count(w->head0) >= shmtf_ring_spare(r.log2))
+    unsigned sel = lock_sel(w->lock);
+    shmtf_newest *copy = &s->frames[w->id].newest[sel ^ 1];
+    const shmtf_newest *newest = w->used ? copy : &s->frames[w->id].newest[sel];
+    if (w->used && !w->copied) return false;
+    uint64_t info = load_relaxed(&newest->info), base = info_base(info, count), was = load_relaxed(&newest->stamp);
+    if (!(w->head & HEAD_BIG) || !count || load_relaxed(&newest->tag) <= upto || info_kind(info) != KIND_DYNAMIC ||
+        (int64_t)was >= stamp || load_relaxed(&newest->parent) != parent || !ring_bind(s, w->id, w->head, &r))
         return false;
+    uint64_t slot = ring_slot(&r, w->head, count + 1), live = shmtf_ring_live(r.log2);
+    if (count - head_count(w->head0) >= shmtf_ring_spare(r.log2)) return false;
     if (count >= live && base < count - live + 1) base = count - live + 1;
-    record_write(&r.heads[next], &r.bodies[next], lock_tag(w->lock), stamp, (uint64_t)arrival,
-                 info_make(base, KIND_DYNAMIC, 0, writer), parent, pose);
+    info = info_make(base, KIND_DYNAMIC, 0, writer);
+    record_write(&r.heads[slot], &r.bodies[slot], lock_tag(w->lock), stamp, (uint64_t)arrival, info, parent, pose);
+    newest_write(copy, lock_tag(w->lock), stamp, info, (uint64_t)stamp - was, parent, pose);
     w->head++; /* the count is its low part */
-    w->used = true;
+    w->used = w->copied = w->newest_is_ours = true;
     SHMTF_FAILPOINT("staged");
     return true;
+}
+
+void ring_copy_newest_locked(const shmtf_segment *s, ring_writer *w) {
+    ring_ref r;
+    uint64_t count = head_count(w->head);
+    shmtf_newest *copy = &s->frames[w->id].newest[lock_sel(w->lock) ^ 1];
+    if (w->copied) return;
+    w->copied = true;
+    fence_release(); /* [E3 release] */
+    if (!count || !ring_bind(s, w->id, w->head, &r)) {
+        store_relaxed(&copy->tag, 0);
+        return;
+    }
+    ring_record newest;
+    uint64_t slot = ring_slot(&r, w->head, count), tag = load_relaxed(&r.heads[slot].tag), period = 0;
+    ring_copy(&r.heads[slot], &r.bodies[slot], &newest);
+    if (count > info_base(newest.info, count))
+        period = (uint64_t)newest.stamp - load_relaxed(&r.heads[ring_slot(&r, w->head, count - 1)].stamp);
+    newest_write(copy, tag, newest.stamp, newest.info, period, newest.parent, &newest.pose);
+    w->newest_is_ours = tag == lock_tag(w->lock);
 }
 
 /* Move the frame to its other ring, which is emptied first: a slot of an earlier era must not pass for a record. */
@@ -133,6 +172,7 @@ put_status ring_put_locked(const shmtf_segment *s, ring_writer *w, const ring_re
     if (q <= count) index_insert(w, &r, q, slot);
     w->head = head_make(count + 1, head_flips(w->head), w->head & (HEAD_BIG | HEAD_INDEXED));
     w->used = true;
+    w->copied = false;
     SHMTF_FAILPOINT("staged");
     return PUT_OK;
 }
@@ -148,6 +188,7 @@ void ring_tag_staged(const shmtf_segment *s, const ring_writer *w, uint64_t vers
     if (!ring_bind(s, w->id, head, &r)) return;
     for (uint64_t p = head_count(w->head0) + 1; p <= head_count(w->head); p++)
         store_relaxed(&r.heads[ring_slot(&r, head, p)].tag, version);
+    if (w->newest_is_ours) store_relaxed(&s->frames[w->id].newest[lock_sel(w->lock) ^ 1].tag, version);
 }
 
 void ring_apply(const shmtf_segment *s, uint32_t id, uint64_t lock, uint64_t version) {
@@ -162,6 +203,8 @@ void ring_apply(const shmtf_segment *s, uint32_t id, uint64_t lock, uint64_t ver
             shmtf_word *tag = &r.heads[ring_slot(&r, head, p)].tag;
             if (load_relaxed(tag) == lock_tag(lock)) cas_acq_rel(tag, lock_tag(lock), version);
         }
+    shmtf_word *newest = &f->newest[sel ^ 1].tag;
+    if (load_relaxed(newest) == lock_tag(lock)) cas_acq_rel(newest, lock_tag(lock), version);
     SHMTF_FAILPOINT("tagged");
     cas_acq_rel(&f->lock, lock, lock_applied(lock)); /* [E5 release] */
 }

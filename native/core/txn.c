@@ -228,8 +228,9 @@ txn_status txn_commit(txn *x, uint64_t *version) {
     shmtf_writer *w = &s->writers[x->slot];
     uint64_t shape = x->reshapes ? STATE_TOPOLOGY : 0;
     for (size_t i = 0; i < x->n; i++) {
-        const ring_writer *e = &x->entries[i].w;
+        ring_writer *e = &x->entries[i].w;
         if (load_relaxed(&s->frames[e->id].lock) != e->lock) return txn_abort(x), TXN_LOST;
+        ring_copy_newest_locked(s, e);
         store_relaxed(&s->frames[e->id].head[lock_sel(e->lock) ^ 1], e->head);
     }
     SHMTF_FAILPOINT("staged-all");

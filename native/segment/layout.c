@@ -41,7 +41,7 @@ const char *shmtf_layout_compute(shmtf_geometry *geo, uint64_t max_frames, uint6
     geo->off_writers = at, at += max_writers * sizeof(shmtf_writer);
     geo->off_authorities = at, at += SHMTF_N_AUTHORITIES * sizeof(shmtf_authority);
     geo->off_buckets = at, at += geo->n_buckets * sizeof(shmtf_bucket);
-    geo->off_frames = at, at += n * sizeof(shmtf_frame_words_t);
+    geo->off_frames = at = ROUND_UP(at, sizeof(shmtf_frame_words_t)), at += n * sizeof(shmtf_frame_words_t);
     geo->off_names = at, at += n * sizeof(shmtf_name_t);
     geo->off_inline = at, at += n * sizeof(shmtf_inline_ring);
     geo->off_chunks = at, at += geo->n_chunks * sizeof(shmtf_word);
@@ -171,6 +171,13 @@ static const shmtf_field fields[] = {
     F("frame", shmtf_frame_words_t, floor, "binder, under lock, raised only"),
     F("frame", shmtf_frame_words_t, want, "a waiting writer, CAS from 0; anybody, CAS from a dead or finished one to 0"),
     F("frame", shmtf_frame_words_t, first, "binder, under lock, once"),
+    F("frame", shmtf_frame_words_t, newest, "the one not in force: the lock's owner; its tag also helpers, by CAS from the owner's tag"),
+    F("newest record", shmtf_newest, tag, "as the frame's `newest`"),
+    F("newest record", shmtf_newest, stamp, "as the frame's `newest`"),
+    F("newest record", shmtf_newest, info, "as the frame's `newest`"),
+    F("newest record", shmtf_newest, period, "as the frame's `newest`; a hint"),
+    F("newest record", shmtf_newest, pose, "as the frame's `newest`"),
+    F("newest record", shmtf_newest, parent, "as the frame's `newest`"),
     F("name", shmtf_name_t, word, "binder, under lock, gen odd"),
     F("record head", shmtf_record_head, tag, "lock's owner; helpers by CAS from the owner's tag"),
     F("record head", shmtf_record_head, stamp, "lock's owner, in a slot no head reaches"),

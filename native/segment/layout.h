@@ -7,7 +7,7 @@
  *   writers       192 B each    per writer slot: transaction state, and who it is (for people)
  *   authorities   128 B each    texts that records refer to by index
  *   buckets       64 B each     name table: 7 hints and a floor
- *   frames        64 B each     per frame: the line every read and write of it touches
+ *   frames        256 B each    per frame: the lines every read and write of it touches, with its newest record
  *   names         128 B each
  *   inline rings  384 B each    4 records per frame: roots, static frames, removals
  *   chunks        8 B each      who owns each piece of the arena
@@ -80,6 +80,14 @@ typedef struct {
     shmtf_word floor; /* a miss in this bucket says nothing about commits before this version */
 } shmtf_bucket;
 
+/* A copy of a frame's newest record: what most lookups want, in the lines next to the lock that protects it. */
+typedef struct {
+    shmtf_word tag, stamp, info; /* as in the record's head */
+    shmtf_word period;           /* ns since the record before it; 0: unknown.  A hint where to search */
+    shmtf_word pose[SHMTF_POSE_WORDS];
+    shmtf_word parent;
+} shmtf_newest;
+
 typedef struct {
     shmtf_word lock;    /* owned:1 | sel:1 | slot:10 | txn:52 -- the writer flag; free words keep their last owner */
     shmtf_word head[2]; /* indexed:1 | big:1 | flips:14 | count:48; lock.sel names the one in force */
@@ -88,6 +96,7 @@ typedef struct {
     shmtf_word floor;   /* this life began after this version */
     shmtf_word want;    /* a waiting writer's lock word, or 0: others give way */
     shmtf_word first;   /* no life of this frame began before this version; 0: it was never bound */
+    shmtf_newest newest[2]; /* of each head; tag 0: the ring is empty */
 } shmtf_frame_words_t;
 
 typedef struct {
@@ -119,7 +128,9 @@ _Static_assert(sizeof(shmtf_global) == 128 && offsetof(shmtf_global, topology) =
 _Static_assert(sizeof(shmtf_writer) == 192 && offsetof(shmtf_writer, pid) == 64, "writer");
 _Static_assert(sizeof(shmtf_authority) == 128, "authority");
 _Static_assert(sizeof(shmtf_bucket) == 64 && offsetof(shmtf_bucket, floor) == 56, "bucket");
-_Static_assert(sizeof(shmtf_frame_words_t) == 64 && offsetof(shmtf_frame_words_t, gen) == 24, "frame");
+_Static_assert(sizeof(shmtf_newest) == 96 && offsetof(shmtf_newest, pose) == 32, "newest record");
+_Static_assert(sizeof(shmtf_frame_words_t) == 256 && offsetof(shmtf_frame_words_t, gen) == 24, "frame");
+_Static_assert(offsetof(shmtf_frame_words_t, newest) == 64, "a frame's words fill a line");
 _Static_assert(sizeof(shmtf_name_t) == 128, "name");
 _Static_assert(sizeof(shmtf_record_head) == 32 && offsetof(shmtf_record_head, info) == 24, "record head");
 _Static_assert(sizeof(shmtf_record_body) == 64 && offsetof(shmtf_record_body, parent) == 56, "record body");
