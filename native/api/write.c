@@ -74,6 +74,14 @@ static verdict negotiate(shmtf_store *h, write_context *c, const write_job *j) {
     return err == EINTR ? SIGNALLED : GO_ON;
 }
 
+/* After x has committed, having locked n frames. */
+static void wake_waiters(bell *b, const txn *x, size_t n) {
+    bell_set touched = {{1ull << BELL_ANY}};
+    for (size_t i = 0; i < n; i++) bell_add(&touched, bell_bucket(x->entries[i].w.id));
+    if (x->reshapes) memset(&touched, 0xff, sizeof touched);
+    bell_ring(b, &touched);
+}
+
 /* One transaction: stage until it is through or hopeless. */
 static stage_status attempt(shmtf_store *h, write_context *c, write_job *j, uint64_t *version, verdict *v) {
     txn *x = &c->x;
@@ -102,15 +110,13 @@ static stage_status attempt(shmtf_store *h, write_context *c, write_job *j, uint
         *version = commit_version(x->snapshot);
         return txn_abort(x), STAGE_OK;
     }
-    bell_set touched = {{1ull << BELL_ANY}};
-    for (size_t i = 0; i < x->n; i++) bell_add(&touched, bell_bucket(x->entries[i].w.id));
-    if (x->reshapes) memset(&touched, 0xff, sizeof touched);
+    size_t n = x->n;
     txn_status done = txn_commit(x, version);
     if (done == TXN_LOST) store_lose(h, c);
     if (done != TXN_OK) stage_forget_unborn(&j->g);
     if (done != TXN_OK) return done == TXN_CORRUPT ? STAGE_CORRUPT : STAGE_RETRY;
     count_add(&h->commits, 1);
-    if (h->bell_map) bell_ring(h->bell_map, &touched);
+    if (h->bell_map && bell_is_armed(h->bell_map)) wake_waiters(h->bell_map, x, n);
     return STAGE_OK;
 }
 

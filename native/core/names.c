@@ -115,6 +115,19 @@ bool names_guess(const shmtf_segment *s, const name_key *key, shmtf_frame *out) 
     return false;
 }
 
+void names_announce_bucket(const shmtf_segment *s, const name_key *key) { __builtin_prefetch(bucket_of(s, key->hash, 0)); }
+
+void names_announce(const shmtf_segment *s, const name_key *key) {
+    const shmtf_bucket *bucket = bucket_of(s, key->hash, 0);
+    for (int i = 0; i < SHMTF_BUCKET_HINTS; i++) {
+        uint64_t hint = load_relaxed(&bucket->hint[i]);
+        if (!hint || (hint ^ key->hash) >> 48 || hint_id(hint) > s->geo.max_frames) continue;
+        __builtin_prefetch(&s->names[hint_id(hint)]);
+        __builtin_prefetch(&s->frames[hint_id(hint)]);
+        return;
+    }
+}
+
 bool names_find_bound_by(const shmtf_segment *s, const name_key *key, uint64_t own_tag, shmtf_frame *out) {
     uint64_t reach = reach_of(s), gen;
     for (uint64_t b = 0; b <= reach; b++)

@@ -43,6 +43,10 @@ ring_status names_find(const shmtf_segment *s, uint64_t snapshot, const name_key
  * asks names_find if it has none. */
 bool names_guess(const shmtf_segment *s, const name_key *key, shmtf_frame *out);
 
+/* Ask for the lines that a search for this name will read: first the bucket's; later, for the frame's that it names. */
+void names_announce_bucket(const shmtf_segment *s, const name_key *key);
+void names_announce(const shmtf_segment *s, const name_key *key);
+
 /* Among frames locked with `lock_tag`, the one being bound to this name; false if there is none. */
 bool names_find_bound_by(const shmtf_segment *s, const name_key *key, uint64_t own_tag, shmtf_frame *out);
 

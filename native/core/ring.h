@@ -199,11 +199,23 @@ typedef struct {
     bool used;           /* something was staged */
     bool copied;         /* the copy of the newest record is as `head` says */
     bool newest_is_ours; /* and that record was staged by this transaction */
+    shmtf_word *only_tag; /* of the staged record, if it is the only one; else NULL */
     bool reindexed;      /* this transaction has written the index half that is not in force */
 } ring_writer;
 
 /* The newest record by stamp as the lock's owner sees it, staged ones included; KIND_NONE if there is none. */
 void ring_newest_locked(const shmtf_segment *s, const ring_writer *w, ring_record *out);
+
+/* Ask for the lines that the next record of a frame will go to. */
+static inline void ring_announce_write(const shmtf_segment *s, uint32_t id) {
+    const shmtf_frame_words_t *f = &s->frames[id];
+    uint64_t head = load_relaxed(&f->head[lock_sel(load_relaxed(&f->lock))]);
+    ring_ref r;
+    if (!ring_bind(s, id, head, &r)) return;
+    uint64_t slot = head_count(head) & ring_mask(&r); /* where no late stamp came; elsewhere it is a guess */
+    __builtin_prefetch(&r.heads[slot], 1);
+    __builtin_prefetch(&r.bodies[slot], 1);
+}
 
 /* Append in the plain case: a dynamic record under the same parent, later than the newest, which has a version above
  * `upto`.  False: nothing was done, ring_put_locked knows what to do. */
@@ -224,6 +236,10 @@ void ring_tag_staged(const shmtf_segment *s, const ring_writer *w, uint64_t vers
 /* Finish what a committed lock holder staged: tags, then unlock with the other head in force.  Idempotent; for any
  * number of helpers, dead or stalled at any point. */
 void ring_apply(const shmtf_segment *s, uint32_t id, uint64_t lock, uint64_t version);
+/* The same by the owner, whose tags are in place already. */
+static inline void ring_unlock(const shmtf_segment *s, const ring_writer *w) {
+    cas_acq_rel(&s->frames[w->id].lock, w->lock, lock_applied(w->lock)); /* [E5 release] */
+}
 
 /* Smallest stamp that has not expired beside a newest stamp. */
 static inline int64_t ring_horizon(const shmtf_segment *s, int64_t newest) {

@@ -80,6 +80,7 @@ bool ring_append_locked(const shmtf_segment *s, ring_writer *w, uint64_t upto, i
     record_write(&r.heads[slot], &r.bodies[slot], lock_tag(w->lock), stamp, (uint64_t)arrival, info, parent, pose);
     newest_write(copy, lock_tag(w->lock), stamp, info, (uint64_t)stamp - was, parent, pose);
     w->head++; /* the count is its low part */
+    w->only_tag = w->used ? NULL : &r.heads[slot].tag;
     w->used = w->copied = w->newest_is_ours = true;
     SHMTF_FAILPOINT("staged");
     return true;
@@ -171,6 +172,7 @@ put_status ring_put_locked(const shmtf_segment *s, ring_writer *w, const ring_re
     record_write(&r.heads[slot], &r.bodies[slot], lock_tag(w->lock), rec->stamp, rec->arrival, info, rec->parent, &rec->pose);
     if (q <= count) index_insert(w, &r, q, slot);
     w->head = head_make(count + 1, head_flips(w->head), w->head & (HEAD_BIG | HEAD_INDEXED));
+    w->only_tag = w->used ? NULL : &r.heads[slot].tag;
     w->used = true;
     w->copied = false;
     SHMTF_FAILPOINT("staged");
@@ -185,9 +187,11 @@ static uint64_t staging_head(uint64_t before, uint64_t after) {
 void ring_tag_staged(const shmtf_segment *s, const ring_writer *w, uint64_t version) {
     ring_ref r;
     uint64_t head = staging_head(w->head0, w->head);
-    if (!ring_bind(s, w->id, head, &r)) return;
-    for (uint64_t p = head_count(w->head0) + 1; p <= head_count(w->head); p++)
-        store_relaxed(&r.heads[ring_slot(&r, head, p)].tag, version);
+    if (w->only_tag)
+        store_relaxed(w->only_tag, version);
+    else if (w->used && ring_bind(s, w->id, head, &r))
+        for (uint64_t p = head_count(w->head0) + 1; p <= head_count(w->head); p++)
+            store_relaxed(&r.heads[ring_slot(&r, head, p)].tag, version);
     if (w->newest_is_ours) store_relaxed(&s->frames[w->id].newest[lock_sel(w->lock) ^ 1].tag, version);
 }
 

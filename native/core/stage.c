@@ -35,40 +35,114 @@ bool stage_utf8(const char *text) {
     return true;
 }
 
-/* A name refused, or STAGE_OK; only names that handles do not stand for are looked at. */
-static stage_status check_name(stage *g, const shmtf_ref *ref) {
-    name_key key;
-    if (ref->frame.gen) return STAGE_OK;
-    g->what = names_key(&key, ref->name);
-    if (!g->what && !stage_utf8(ref->name)) g->what = "a frame name is not UTF-8";
-    return g->what ? STAGE_BAD_NAME : STAGE_OK;
-}
-
 stage_status stage_check(stage *g) {
     for (g->item = 0; g->item < g->n; g->item++) {
-        shmtf_transform *t = &g->items[g->item];
-        stage_status st = check_name(g, &t->child);
-        if (st == STAGE_OK) st = check_name(g, &t->parent);
-        if (st != STAGE_OK) return st;
-        g->what = pose_normalise(&t->pose, &g->value);
+        g->what = pose_normalise(&g->items[g->item].pose, &g->value);
         if (g->what) return STAGE_BAD_POSE;
-        bool handles = t->parent.frame.gen && t->child.frame.gen;
-        if (handles ? t->parent.frame.id == t->child.frame.id
-                    : t->parent.name && t->child.name && !strcmp(t->parent.name, t->child.name))
-            return STAGE_SELF;
     }
     return STAGE_OK;
 }
 
-/* Name to handle, if the frame exists. */
-static stage_status find(const txn *x, shmtf_ref *ref) {
-    name_key key;
-    if (ref->frame.gen && ref->frame.id && ref->frame.id <= x->s->geo.max_frames) return STAGE_OK;
-    if (names_key(&key, ref->name)) return STAGE_GONE;
-    ring_status st = names_find(x->s, x->snapshot, &key, &ref->frame);
+static bool is_known(const txn *x, const shmtf_ref *ref) {
+    return ref->frame.gen && ref->frame.id && ref->frame.id <= x->s->geo.max_frames;
+}
+static bool same_name(const shmtf_ref *a, const shmtf_ref *b) {
+    return a->name && b->name && (a->name == b->name || !strcmp(a->name, b->name));
+}
+
+static stage_status key_of(stage *g, const shmtf_ref *ref, name_key *key) {
+    if (ref->frame.gen && !ref->name) return STAGE_GONE; /* no frame has such a handle */
+    g->what = names_key(key, ref->name);
+    return g->what ? STAGE_BAD_NAME : STAGE_OK;
+}
+
+/* The frame that most likely has the name.  Under its lock it turns out whether it is alive; if it is not, names are looked
+ * up with care. */
+static bool seems_alive(const txn *x, const name_key *key, shmtf_frame *frame) {
+    ring_place p;
+    return names_guess(x->s, key, frame) && ring_newest_place(x->s, frame->id, commit_version(x->snapshot), &p) &&
+           info_kind(load_relaxed(&p.newest->info)) != KIND_REMOVED;
+}
+
+/* Name to handle, if the frame exists.  A name that nobody has must be a good one. */
+static stage_status find(stage *g, shmtf_ref *ref, const name_key *key) {
+    const txn *x = g->x;
+    if (!g->careful && seems_alive(x, key, &ref->frame)) return STAGE_OK;
+    ring_status st = names_find(x->s, x->snapshot, key, &ref->frame);
     if (st == RING_OK) return STAGE_OK;
     ref->frame = (shmtf_frame){0, 0};
-    return st == RING_NONE ? STAGE_OK : from_ring(st);
+    if (st != RING_NONE) return from_ring(st);
+    if (stage_utf8(ref->name)) return STAGE_OK;
+    g->what = "a frame name is not UTF-8";
+    return STAGE_BAD_NAME;
+}
+
+static stage_status find_one(stage *g, shmtf_ref *ref) {
+    name_key key;
+    if (is_known(g->x, ref)) return STAGE_OK;
+    stage_status st = key_of(g, ref, &key);
+    return st == STAGE_OK ? find(g, ref, &key) : st;
+}
+
+/* The item whose child is the parent of item i, if it is a neighbour: chains are given link by link. */
+static const shmtf_ref *neighbour(const stage *g, size_t i) {
+    const shmtf_ref *parent = &g->items[i].parent;
+    if (i && same_name(&g->items[i - 1].child, parent)) return &g->items[i - 1].child;
+    if (i + 1 < g->n && same_name(&g->items[i + 1].child, parent)) return &g->items[i + 1].child;
+    return NULL;
+}
+
+/* Names that are looked up side by side, so that their cache misses overlap. */
+enum { FIND_AT_ONCE = 16 };
+typedef struct {
+    name_key key[FIND_AT_ONCE];
+    shmtf_ref *ref[FIND_AT_ONCE];
+    size_t item[FIND_AT_ONCE], n;
+} find_batch;
+
+static stage_status find_together(stage *g, find_batch *b) {
+    for (size_t i = 0; i < b->n; i++) names_announce(g->x->s, &b->key[i]);
+    for (size_t i = 0; i < b->n; i++) {
+        g->item = b->item[i];
+        stage_status st = find(g, b->ref[i], &b->key[i]);
+        if (st != STAGE_OK) return st;
+    }
+    b->n = 0;
+    return STAGE_OK;
+}
+
+static stage_status find_later(stage *g, shmtf_ref *ref, find_batch *b) {
+    if (is_known(g->x, ref)) return STAGE_OK;
+    stage_status st = key_of(g, ref, &b->key[b->n]);
+    if (st != STAGE_OK) return st;
+    names_announce_bucket(g->x->s, &b->key[b->n]);
+    b->ref[b->n] = ref;
+    b->item[b->n++] = g->item;
+    return b->n == FIND_AT_ONCE ? find_together(g, b) : STAGE_OK;
+}
+
+/* All handles that there are. */
+static stage_status find_all(stage *g) {
+    find_batch b;
+    b.n = 0;
+    bool known = true;
+    for (size_t i = 0; i < g->n && known; i++) known = is_known(g->x, &g->items[i].child) && is_known(g->x, &g->items[i].parent);
+    if (known) return STAGE_OK;
+    for (size_t i = 0; i < g->n; i++) {
+        g->item = i;
+        stage_status st = find_later(g, &g->items[i].child, &b);
+        if (st == STAGE_OK && !neighbour(g, i)) {
+            g->item = i;
+            st = find_later(g, &g->items[i].parent, &b);
+        }
+        if (st != STAGE_OK) return st;
+    }
+    stage_status st = find_together(g, &b);
+    for (size_t i = 0; i < g->n && st == STAGE_OK; i++) {
+        const shmtf_ref *other = is_known(g->x, &g->items[i].parent) ? NULL : neighbour(g, i);
+        if (other) g->items[i].parent.frame = other->frame;
+    }
+    return st;
 }
 
 static void forget_ended(shmtf_ref *ref, shmtf_frame ended) {
@@ -79,6 +153,7 @@ static void forget_ended(shmtf_ref *ref, shmtf_frame ended) {
 static stage_status stale(stage *g, shmtf_ref *ref) {
     const shmtf_frame ended = ref->frame;
     if (!ref->name) return STAGE_GONE; /* the caller's handle stays as it is */
+    g->careful = true;
     for (size_t i = 0; i < g->n; i++) {
         forget_ended(&g->items[i].child, ended);
         forget_ended(&g->items[i].parent, ended);
@@ -119,17 +194,32 @@ static void sort_ids(uint32_t *a, size_t n) {
     }
 }
 
+/* Ask for the lines of frames that are about to be written, and for those of their rings' next records: waiting for them
+ * one lock at a time is most of the cost of a write that finds its store in no cache. */
+static void announce(const txn *x, const uint32_t *id, size_t n) {
+    enum { FITS_CACHE = 1 << 20 };
+    if (x->s->arena_bytes < FITS_CACHE) return;
+    for (size_t i = 0; i < n; i++) {
+        const char *line = (const char *)&x->s->frames[id[i]];
+        __builtin_prefetch(line, 1);
+        __builtin_prefetch(line + 128, 1);
+    }
+    for (size_t i = 0; i < n; i++) ring_announce_write(x->s, id[i]);
+}
+
 /* All locks before any write, in id order. */
 static stage_status lock_children(stage *g) {
     size_t n = 0;
+    stage_status found = find_all(g);
+    if (found != STAGE_OK) return found;
     for (g->item = 0; g->item < g->n; g->item++) {
-        shmtf_transform *t = &g->items[g->item];
-        stage_status st = find(g->x, &t->child);
-        if (st == STAGE_OK) st = find(g->x, &t->parent);
-        if (st != STAGE_OK) return st;
-        if (t->child.frame.gen) g->order[n++] = t->child.frame.id;
+        const shmtf_ref *child = &g->items[g->item].child, *parent = &g->items[g->item].parent;
+        bool same_frame = child->frame.id == parent->frame.id && child->frame.gen == parent->frame.gen;
+        if (child->frame.gen ? same_frame : same_name(child, parent)) return STAGE_SELF;
+        if (child->frame.gen) g->order[n++] = child->frame.id;
     }
     sort_ids(g->order, n);
+    announce(g->x, g->order, n);
     for (size_t i = 0; i < n; i++) {
         txn_status st = txn_lock_try(g->x, g->order[i], NULL);
         if (st != TXN_OK) return from_txn(st);
@@ -141,7 +231,8 @@ static stage_status give_birth(stage *g, shmtf_ref *ref) {
     name_key key;
     txn_entry *e;
     if (ref->frame.gen) return STAGE_OK;
-    names_key(&key, ref->name);
+    stage_status st = key_of(g, ref, &key);
+    if (st != STAGE_OK) return st;
     if (names_find_bound_by(g->x->s, &key, g->x->own, &ref->frame)) return STAGE_OK; /* by an earlier item */
     return from_txn(txn_birth(g->x, &key, &ref->frame, &e));
 }
@@ -208,7 +299,6 @@ static stage_status stage_one(stage *g, shmtf_transform *t) {
     if (!(t->flags & SHMTF_STATIC) && hint64_get(&x->checked[t->child.frame.id]) == x->topology + 1 && !e->reshapes &&
         ring_append_locked(x->s, &e->w, x->clears.dynamic_upto, t->stamp_ns, g->arrival_ns, parent_make(t->parent.frame), &t->pose, g->writer))
         return x->n_staged++, STAGE_OK;
-    if (t->child.frame.id == t->parent.frame.id) return STAGE_SELF;
     ring_newest_locked(x->s, &e->w, &newest);
     record_kind kind = info_kind(newest.info);
     if (!e->born && (kind == KIND_NONE || kind == KIND_REMOVED)) return stale(g, &t->child);
@@ -273,10 +363,10 @@ stage_status stage_declare(stage *g, const char *name, unsigned ring_log2) {
     shmtf_ref ref = {name, {0, 0}};
     txn_entry *e;
     name_key key;
-    stage_status st = check_name(g, &ref);
-    if (st == STAGE_OK) st = find(x, &ref);
+    stage_status st = key_of(g, &ref, &key);
+    g->careful = true;
+    if (st == STAGE_OK) st = find(g, &ref, &key);
     if (st != STAGE_OK) return st;
-    names_key(&key, name);
     bool born = !ref.frame.gen;
     st = from_txn(born ? txn_birth(x, &key, &ref.frame, &e) : txn_lock_try(x, ref.frame.id, &e));
     if (st != STAGE_OK) return st;
@@ -299,8 +389,7 @@ stage_status stage_declare(stage *g, const char *name, unsigned ring_log2) {
 stage_status stage_remove(stage *g, shmtf_ref *ref) {
     txn *x = g->x;
     txn_entry *e;
-    stage_status st = check_name(g, ref);
-    if (st == STAGE_OK) st = find(x, ref);
+    stage_status st = find_one(g, ref);
     if (st != STAGE_OK) return st;
     if (!ref->frame.gen) return STAGE_GONE;
     st = from_txn(txn_lock_try(x, ref->frame.id, &e));

@@ -208,6 +208,9 @@ txn_status txn_check_cycles(txn *x, uint32_t *cyclic, bool *found) {
     return TXN_OK;
 }
 
+/* Tags that are in place before the commit save everybody work after it, but each attempt writes them all. */
+static bool tags_early(const txn *x) { return x->n_staged <= TAGS_BEFORE_COMMIT; }
+
 /* The commit word from g to {slot, version + 1}, if nobody commits first. */
 static txn_status commit_once(txn *x, uint64_t g, uint64_t shape, uint64_t version) {
     const shmtf_segment *s = x->s;
@@ -215,7 +218,7 @@ static txn_status commit_once(txn *x, uint64_t g, uint64_t shape, uint64_t versi
     if (tree_topology_at(s, g) != x->topology) return TXN_RETRY;
     if (version > VERSION_MASK) return TXN_CORRUPT;
     if (commit_slot(g) != x->slot) recover_settle(s, g); /* its state must not depend on g any more once g is gone */
-    if (x->n_staged <= TAGS_BEFORE_COMMIT)
+    if (tags_early(x))
         for (size_t i = 0; i < x->n; i++) ring_tag_staged(s, &x->entries[i].w, version);
     SHMTF_FAILPOINT("versioned");
     store_release(&w->state, STATE_PREPARED | shape | version); /* [E4 release] */
@@ -247,7 +250,8 @@ txn_status txn_commit(txn *x, uint64_t *version) {
     store_release(&w->state, STATE_COMMITTED | shape | *version); /* [E4 release] */
     for (size_t i = 0; i < x->n; i++) {
         SHMTF_FAILPOINT("half-unlocked");
-        ring_apply(s, x->entries[i].w.id, x->entries[i].w.lock, *version);
+        if (tags_early(x)) ring_unlock(s, &x->entries[i].w);
+        else ring_apply(s, x->entries[i].w.id, x->entries[i].w.lock, *version);
     }
     forget(x);
     return TXN_OK;

@@ -73,7 +73,7 @@ static long futex(shmtf_word32 *word, int op, uint32_t value, const struct times
     return syscall(SYS_futex, word, op, value, timeout, NULL, 0);
 }
 
-void bell_ring_armed(bell *b, const bell_set *touched) {
+void bell_ring(bell *b, const bell_set *touched) {
     for (int i = 0; i < BELL_WORDS; i++) {
         uint64_t bits = load_seq_cst(&b->armed[i]) & touched->bits[i];
         if (!bits) continue;

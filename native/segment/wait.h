@@ -46,12 +46,14 @@ bell *bell_open(const uint64_t uuid[2], const map_file *file);
 void bell_close(bell *b);
 void bell_path(const uint64_t uuid[2], char path[64]);
 
-void bell_ring_armed(bell *b, const bell_set *touched);
-/* After a commit that touched these buckets: wake whoever waits for them. */
-static inline void bell_ring(bell *b, const bell_set *touched) {
-    for (int i = 0; i < BELL_WORDS; i++)
-        if (touched->bits[i] && (load_seq_cst(&b->armed[i]) & touched->bits[i])) return bell_ring_armed(b, touched); /* [E9 seq_cst] */
+/* After a commit: does anybody wait for anything? */
+static inline bool bell_is_armed(const bell *b) {
+    uint64_t bits = 0;
+    for (int i = 0; i < BELL_WORDS; i++) bits |= load_seq_cst(&b->armed[i]); /* [E9 seq_cst] */
+    return bits != 0;
 }
+/* Then: wake whoever waits for what the commit touched. */
+void bell_ring(bell *b, const bell_set *touched);
 
 /* Announce interest in up to BELL_MAX_WAIT buckets; seen[i]: what bell_sleep needs. */
 void bell_arm(bell *b, const unsigned *buckets, unsigned n, uint32_t *seen);
