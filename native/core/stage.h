@@ -44,6 +44,13 @@ typedef struct {
     shmtf_frame frame;
 } stage;
 
+/* stage_names.c: handles for the names of all items, or of one reference, as far as their frames exist; names that nobody
+ * has are checked. */
+stage_status stage_find_all(stage *g);
+stage_status stage_find(stage *g, shmtf_ref *ref);
+stage_status stage_key(stage *g, const shmtf_ref *ref, name_key *key);
+bool stage_same_name(const shmtf_ref *a, const shmtf_ref *b);
+
 stage_status stage_transforms(stage *g);
 /* After an abort: items with names must not keep the handles of frames that were bound but not born. */
 void stage_forget_unborn(stage *g);
