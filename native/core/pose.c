@@ -13,37 +13,22 @@ shmtf_pose pose_inverse(const shmtf_pose *p) {
     return r;
 }
 
-/* sin(t*theta) / sin(theta) for cos(theta) = 1 - x, as t times a product series in x (Eberly, "A fast and accurate
- * algorithm for computing slerp", 2011): factors 1 + (t^2 / (i(2i+1)) - i/(2i+1)) * -x.  Five of them leave less than
- * 1e-17 for x < 5e-4. */
-static inline double small_angle_weight(double t, double x) {
-    double t2 = t * t;
-    double s = 1 - (t2 * (1.0 / 55) - 5.0 / 11) * x;
-    s = 1 - (t2 * (1.0 / 36) - 4.0 / 9) * x * s;
-    s = 1 - (t2 * (1.0 / 21) - 3.0 / 7) * x * s;
-    s = 1 - (t2 * (1.0 / 10) - 2.0 / 5) * x * s;
-    s = 1 - (t2 * (1.0 / 3) - 1.0 / 3) * x * s;
-    return t * s;
-}
-
-shmtf_pose pose_interpolate(const shmtf_pose *a, const shmtf_pose *b, double ratio) {
+shmtf_pose pose_interpolate_wide(const shmtf_pose *a, const shmtf_pose *b, double ratio) {
     double u = 1 - ratio, v = ratio;
     double dot = a->qx * b->qx + a->qy * b->qy + a->qz * b->qz + a->qw * b->qw;
-    double sign = dot < 0 ? -1 : 1, wa, wb;
+    double sign = dot < 0 ? -1 : 1;
     /* 1 - cos from the chord: acos of a rounded cosine would lose half the digits towards 0 */
     double dx = a->qx - sign * b->qx, dy = a->qy - sign * b->qy, dz = a->qz - sign * b->qz, dw = a->qw - sign * b->qw;
-    double x = (dx * dx + dy * dy + dz * dz + dw * dw) / 2;
-    if (x < 5e-4) {
-        wa = small_angle_weight(u, x);
-        wb = small_angle_weight(v, x);
+    double x = (dx * dx + dy * dy + dz * dz + dw * dw) / 2, wa, wb;
+    if (x < POSE_NARROW) {
+        wa = pose_narrow_weight(u, x);
+        wb = pose_narrow_weight(v, x);
     } else {
         double theta = 2 * asin(sqrt(x / 2)), s = sqrt(x * (2 - x));
         wa = sin(u * theta) / s;
         wb = sin(v * theta) / s;
     }
-    wb *= sign;
-    return (shmtf_pose){u * a->x + v * b->x,     u * a->y + v * b->y,     u * a->z + v * b->z,    wa * a->qx + wb * b->qx,
-                        wa * a->qy + wb * b->qy, wa * a->qz + wb * b->qz, wa * a->qw + wb * b->qw};
+    return pose_blend(a, b, u, v, wa, sign * wb);
 }
 
 static void scale_rotation(shmtf_pose *p, double s) {
