@@ -94,7 +94,7 @@ HOT_INLINE void baseline_copy(const bench_client *c, uint32_t frame, baseline_re
     const shmtf_record_body *b = &baseline_bodies(c, frame)[slot];
     out->stamp = (int64_t)load_relaxed(&baseline_heads(c, frame)[slot].stamp);
     out->parent = load_relaxed(&b->parent);
-    out->pose = ring_pose(b);
+    out->pose = ring_pose(b->pose);
 }
 
 /* Copy a frame's newest record as the protocol does. */

@@ -20,20 +20,14 @@ void ring_newest_locked(const shmtf_segment *s, const ring_writer *w, ring_recor
     out->position = count;
 }
 
-static void store_double(shmtf_word *w, double d) {
-    uint64_t u;
-    memcpy(&u, &d, sizeof u);
-    store_relaxed(w, u);
-}
-
+_Static_assert(offsetof(shmtf_pose, qw) == 6 * sizeof(double), "a pose is seven doubles in the order of a record");
 static inline void store_pose(shmtf_word word[SHMTF_POSE_WORDS], const shmtf_pose *pose) {
-    store_double(&word[0], pose->x);
-    store_double(&word[1], pose->y);
-    store_double(&word[2], pose->z);
-    store_double(&word[3], pose->qx);
-    store_double(&word[4], pose->qy);
-    store_double(&word[5], pose->qz);
-    store_double(&word[6], pose->qw);
+    uint64_t qw;
+    store_double_pair(&word[0], &pose->x);
+    store_double_pair(&word[2], &pose->z);
+    store_double_pair(&word[4], &pose->qy);
+    memcpy(&qw, &pose->qw, sizeof qw);
+    store_relaxed(&word[6], qw);
 }
 
 /* Fill a slot.  The tag says "being written" before the first word changes. */

@@ -95,6 +95,7 @@ static stage_status lock_children(stage *g) {
         bool same_frame = child->frame.id == parent->frame.id && child->frame.gen == parent->frame.gen;
         if (child->frame.gen ? same_frame : stage_same_name(child, parent)) return STAGE_SELF;
         if (child->frame.gen) g->order[n++] = child->frame.id;
+        g->has_unborn |= !child->frame.gen || !parent->frame.gen;
     }
     sort_ids(g->order, n);
     announce(g->x, g->order, n);
@@ -224,7 +225,7 @@ void stage_forget_unborn(stage *g) {
 stage_status stage_transforms(stage *g) {
     stage_status st = lock_children(g);
     if (st != STAGE_OK) return st;
-    for (g->item = 0; g->item < g->n; g->item++) {
+    for (g->item = 0; g->item < g->n && g->has_unborn; g->item++) {
         st = give_birth(g, &g->items[g->item].child);
         if (st == STAGE_OK) st = give_birth(g, &g->items[g->item].parent);
         if (st != STAGE_OK) return st;

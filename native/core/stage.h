@@ -34,6 +34,7 @@ typedef struct {
     uint32_t *order; /* room for n */
     int64_t arrival_ns;
     uint16_t writer;
+    bool has_unborn; /* names that no frame had */
     bool careful; /* a handle that a name led to was of an ended life: hints are not enough */
     /* why it was refused */
     size_t item;

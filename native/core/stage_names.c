@@ -74,7 +74,7 @@ static const shmtf_ref *neighbour(const stage *g, size_t i) {
 }
 
 /* Names that are looked up side by side, so that their cache misses overlap. */
-enum { FIND_AT_ONCE = 16 };
+enum { FIND_AT_ONCE = 32 };
 typedef struct {
     name_key key[FIND_AT_ONCE];
     shmtf_ref *ref[FIND_AT_ONCE];

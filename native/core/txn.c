@@ -230,6 +230,7 @@ txn_status txn_commit(txn *x, uint64_t *version) {
     const shmtf_segment *s = x->s;
     shmtf_writer *w = &s->writers[x->slot];
     uint64_t shape = x->reshapes ? STATE_TOPOLOGY : 0;
+    __builtin_prefetch(&s->global->commit, 1); /* readers have it; it comes back while the heads are stored */
     for (size_t i = 0; i < x->n; i++) {
         ring_writer *e = &x->entries[i].w;
         if (load_relaxed(&s->frames[e->id].lock) != e->lock) return txn_abort(x), TXN_LOST;

@@ -59,6 +59,22 @@ static inline void store_relaxed(shmtf_word *w, uint64_t v) {
     shmtf_step(SHMTF_STEP_STORE, (const void *)w);
     atomic_store_explicit(w, v, memory_order_relaxed);
 }
+/* Two neighbouring words from two neighbouring doubles: one store where the machine has it.  The pair is not one atomic
+ * step, each word is. */
+static inline void store_double_pair(shmtf_word *w, const double *from) {
+#if defined(__x86_64__) && !defined(__SANITIZE_THREAD__) && !defined(SHMTF_STEPS)
+    typedef struct { double d[2]; } pair;
+    typedef double vector __attribute__((vector_size(16)));
+    vector v;
+    __builtin_memcpy(&v, from, sizeof v);
+    __asm__("movups %1, %0" : "=m"(*(pair *)(void *)w) : "x"(v));
+#else
+    uint64_t u[2];
+    __builtin_memcpy(u, from, sizeof u);
+    store_relaxed(w, u[0]);
+    store_relaxed(w + 1, u[1]);
+#endif
+}
 static inline void store_release(shmtf_word *w, uint64_t v) {
     shmtf_step(SHMTF_STEP_STORE, (const void *)w);
     atomic_store_explicit(w, v, memory_order_release);
