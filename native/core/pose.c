@@ -44,9 +44,8 @@ void pose_renormalise(shmtf_pose *p) {
 }
 
 const char *pose_normalise(shmtf_pose *p, double *value) {
-    double sum = p->x + p->y + p->z; /* finite only if all three are; if it overflows, look closer */
+    if (pose_is_normal(p)) return NULL; /* it stays as it was given, to the bit */
     double norm2 = p->qx * p->qx + p->qy * p->qy + p->qz * p->qz + p->qw * p->qw;
-    if (sum - sum == 0 && fabs(norm2 - 1) <= 1e-15 && p->qw >= 0) return NULL; /* it stays as it was given, to the bit */
     const double v[7] = {p->x, p->y, p->z, p->qx, p->qy, p->qz, p->qw};
     static const char *const name[7] = {"translation x", "translation y", "translation z", "rotation x",
                                         "rotation y",    "rotation z",    "rotation w"};

@@ -56,6 +56,12 @@ HOT_INLINE shmtf_pose pose_interpolate(const shmtf_pose *a, const shmtf_pose *b,
     if (!(x < POSE_NARROW)) return pose_interpolate_wide(a, b, ratio);
     return pose_blend(a, b, u, ratio, pose_narrow_weight(u, x), pose_narrow_weight(ratio, x));
 }
+/* Is the pose in the stored form already? */
+static inline bool pose_is_normal(const shmtf_pose *p) {
+    double sum = p->x + p->y + p->z; /* finite only if all three are; if it overflows, pose_normalise looks closer */
+    double off = p->qx * p->qx + p->qy * p->qy + p->qz * p->qz + p->qw * p->qw - 1;
+    return sum - sum == 0 && off <= 1e-15 && off >= -1e-15 && p->qw >= 0;
+}
 /* Check that a pose can be stored, and bring it into the stored form: |q| = 1, qw >= 0.  NULL, or the name of the
  * component that is wrong, its value in *value. */
 const char *pose_normalise(shmtf_pose *p, double *value);

@@ -222,7 +222,7 @@ static inline void ring_announce_write(const shmtf_segment *s, uint32_t id) {
 bool ring_append_locked(const shmtf_segment *s, ring_writer *w, uint64_t upto, int64_t stamp, int64_t arrival, uint64_t parent,
                         const shmtf_pose *pose, uint16_t writer);
 
-/* Before the commit: the copy of the newest record as `head` says, unless it is that already. */
+/* Before the commit, where w->copied is not set: the copy of the newest record as `head` says. */
 void ring_copy_newest_locked(const shmtf_segment *s, ring_writer *w);
 
 typedef enum { PUT_OK, PUT_REPEAT, PUT_DROPPED, PUT_TOO_MANY, PUT_CORRUPT } put_status;
@@ -232,7 +232,12 @@ typedef enum { PUT_OK, PUT_REPEAT, PUT_DROPPED, PUT_TOO_MANY, PUT_CORRUPT } put_
 put_status ring_put_locked(const shmtf_segment *s, ring_writer *w, const ring_record *rec, bool start, bool big);
 
 /* The slots of the staged records still carry the owner's tag: give them a version. */
-void ring_tag_staged(const shmtf_segment *s, const ring_writer *w, uint64_t version);
+void ring_tag_all_staged(const shmtf_segment *s, const ring_writer *w, uint64_t version);
+static inline void ring_tag_staged(const shmtf_segment *s, const ring_writer *w, uint64_t version) {
+    if (w->only_tag) store_relaxed(w->only_tag, version);
+    else if (w->used) ring_tag_all_staged(s, w, version);
+    if (w->newest_is_ours) store_relaxed(&s->frames[w->id].newest[lock_sel(w->lock) ^ 1].tag, version);
+}
 /* Finish what a committed lock holder staged: tags, then unlock with the other head in force.  Idempotent; for any
  * number of helpers, dead or stalled at any point. */
 void ring_apply(const shmtf_segment *s, uint32_t id, uint64_t lock, uint64_t version);

@@ -68,8 +68,8 @@ bool ring_append_locked(const shmtf_segment *s, ring_writer *w, uint64_t upto, i
         (int64_t)was >= stamp || load_relaxed(&newest->parent) != parent || !ring_bind(s, w->id, w->head, &r))
         return false;
     uint64_t slot = ring_slot(&r, w->head, count + 1), live = shmtf_ring_live(r.log2);
-    if (count - head_count(w->head0) >= shmtf_ring_spare(r.log2)) return false;
-    if (count >= live && base < count - live + 1) base = count - live + 1;
+    if (w->used && count - head_count(w->head0) >= shmtf_ring_spare(r.log2)) return false;
+    if (count + 1 - base > live) base = count + 1 - live;
     info = info_make(base, KIND_DYNAMIC, 0, writer);
     record_write(&r.heads[slot], &r.bodies[slot], lock_tag(w->lock), stamp, (uint64_t)arrival, info, parent, pose);
     newest_write(copy, lock_tag(w->lock), stamp, info, (uint64_t)stamp - was, parent, pose);
@@ -84,7 +84,6 @@ void ring_copy_newest_locked(const shmtf_segment *s, ring_writer *w) {
     ring_ref r;
     uint64_t count = head_count(w->head);
     shmtf_newest *copy = &s->frames[w->id].newest[lock_sel(w->lock) ^ 1];
-    if (w->copied) return;
     w->copied = true;
     fence_release(); /* [E3 release] */
     if (!count || !ring_bind(s, w->id, w->head, &r)) {
@@ -178,15 +177,12 @@ static uint64_t staging_head(uint64_t before, uint64_t after) {
     return (before ^ after) & HEAD_BIG ? after & ~HEAD_INDEXED : before;
 }
 
-void ring_tag_staged(const shmtf_segment *s, const ring_writer *w, uint64_t version) {
+void ring_tag_all_staged(const shmtf_segment *s, const ring_writer *w, uint64_t version) {
     ring_ref r;
     uint64_t head = staging_head(w->head0, w->head);
-    if (w->only_tag)
-        store_relaxed(w->only_tag, version);
-    else if (w->used && ring_bind(s, w->id, head, &r))
-        for (uint64_t p = head_count(w->head0) + 1; p <= head_count(w->head); p++)
-            store_relaxed(&r.heads[ring_slot(&r, head, p)].tag, version);
-    if (w->newest_is_ours) store_relaxed(&s->frames[w->id].newest[lock_sel(w->lock) ^ 1].tag, version);
+    if (!ring_bind(s, w->id, head, &r)) return;
+    for (uint64_t p = head_count(w->head0) + 1; p <= head_count(w->head); p++)
+        store_relaxed(&r.heads[ring_slot(&r, head, p)].tag, version);
 }
 
 void ring_apply(const shmtf_segment *s, uint32_t id, uint64_t lock, uint64_t version) {

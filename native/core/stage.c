@@ -17,7 +17,9 @@ static stage_status from_txn(txn_status st) {
 
 stage_status stage_check(stage *g) {
     for (g->item = 0; g->item < g->n; g->item++) {
-        g->what = pose_normalise(&g->items[g->item].pose, &g->value);
+        shmtf_pose *pose = &g->items[g->item].pose;
+        if (pose_is_normal(pose)) continue;
+        g->what = pose_normalise(pose, &g->value);
         if (g->what) return STAGE_BAD_POSE;
     }
     return STAGE_OK;
@@ -85,25 +87,40 @@ static void announce(const txn *x, const uint32_t *id, size_t n) {
     for (size_t i = 0; i < n; i++) ring_announce_write(x->s, id[i]);
 }
 
-/* All locks before any write, in id order. */
-static stage_status lock_children(stage *g) {
-    size_t n = 0;
-    stage_status found = stage_find_all(g);
-    if (found != STAGE_OK) return found;
+static bool is_self(const shmtf_ref *parent, const shmtf_ref *child) {
+    if (!child->frame.gen) return stage_same_name(child, parent);
+    return child->frame.id == parent->frame.id && child->frame.gen == parent->frame.gen;
+}
+
+/* The frames to lock, for what has a handle. */
+static stage_status list_children(stage *g, size_t *n, bool *all) {
+    const uint64_t max_frames = g->x->s->geo.max_frames;
+    *n = 0;
+    *all = true;
     for (g->item = 0; g->item < g->n; g->item++) {
         const shmtf_ref *child = &g->items[g->item].child, *parent = &g->items[g->item].parent;
-        bool same_frame = child->frame.id == parent->frame.id && child->frame.gen == parent->frame.gen;
-        if (child->frame.gen ? same_frame : stage_same_name(child, parent)) return STAGE_SELF;
-        if (child->frame.gen) g->order[n++] = child->frame.id;
-        g->has_unborn |= !child->frame.gen || !parent->frame.gen;
-    }
-    sort_ids(g->order, n);
-    announce(g->x, g->order, n);
-    for (size_t i = 0; i < n; i++) {
-        txn_status st = txn_lock_try(g->x, g->order[i], NULL);
-        if (st != TXN_OK) return from_txn(st);
+        if (is_self(parent, child)) return STAGE_SELF;
+        *all &= child->frame.gen && parent->frame.gen && child->frame.id - 1ull < max_frames && parent->frame.id - 1ull < max_frames;
+        if (child->frame.gen) g->order[(*n)++] = child->frame.id;
     }
     return STAGE_OK;
+}
+
+/* All locks before any write, in id order. */
+static stage_status lock_children(stage *g) {
+    size_t n;
+    bool all;
+    stage_status st = list_children(g, &n, &all);
+    if (st != STAGE_OK) return st;
+    if (!all) {
+        st = stage_find_all(g);
+        if (st == STAGE_OK) st = list_children(g, &n, &all);
+        if (st != STAGE_OK) return st;
+    }
+    g->has_unborn = !all;
+    sort_ids(g->order, n);
+    announce(g->x, g->order, n);
+    return from_txn(txn_lock_all(g->x, g->order, n));
 }
 
 static stage_status give_birth(stage *g, shmtf_ref *ref) {

@@ -105,9 +105,6 @@ static stage_status find_later(stage *g, shmtf_ref *ref, find_batch *b) {
 stage_status stage_find_all(stage *g) {
     find_batch b;
     b.n = 0;
-    bool known = true;
-    for (size_t i = 0; i < g->n && known; i++) known = is_known(g->x, &g->items[i].child) && is_known(g->x, &g->items[i].parent);
-    if (known) return STAGE_OK;
     for (size_t i = 0; i < g->n; i++) {
         g->item = i;
         stage_status st = find_later(g, &g->items[i].child, &b);

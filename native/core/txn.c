@@ -28,7 +28,7 @@ txn_status txn_begin(txn *x) {
     return st == RING_OK ? TXN_OK : st == RING_CORRUPT ? TXN_CORRUPT : TXN_RETRY;
 }
 
-static txn_entry *add_entry(txn *x, uint32_t id, uint64_t lock) {
+static inline txn_entry *add_entry(txn *x, uint32_t id, uint64_t lock) {
     SHMTF_FAILPOINT("locked");
     txn_entry *e = &x->entries[x->n];
     uint64_t head = load_acquire(&x->s->frames[id].head[lock_sel(lock)]);
@@ -72,6 +72,21 @@ txn_status txn_lock_try(txn *x, uint32_t id, txn_entry **entry) {
     }
     if (entry) *entry = e;
     return e ? TXN_OK : held(x, id, lock);
+}
+
+txn_status txn_lock_all(txn *x, const uint32_t *id, size_t n) {
+    for (size_t i = 0; i < n; i++) {
+        shmtf_frame_words_t *f = &x->s->frames[id[i]];
+        uint64_t lock = load_acquire(&f->lock); /* [E5 acquire] */
+        bool plain = !lock_owned(lock) && !load_relaxed(&f->want) && !x->entry_of[id[i]];
+        if (plain && cas_acq_rel(&f->lock, lock, x->own | (lock & LOCK_SEL))) {
+            add_entry(x, id[i], x->own | (lock & LOCK_SEL));
+            continue;
+        }
+        txn_status st = txn_lock_try(x, id[i], NULL);
+        if (st != TXN_OK) return st;
+    }
+    return TXN_OK;
 }
 
 void txn_want(txn *x, uint32_t id) {
@@ -234,7 +249,7 @@ txn_status txn_commit(txn *x, uint64_t *version) {
     for (size_t i = 0; i < x->n; i++) {
         ring_writer *e = &x->entries[i].w;
         if (load_relaxed(&s->frames[e->id].lock) != e->lock) return txn_abort(x), TXN_LOST;
-        ring_copy_newest_locked(s, e);
+        if (!e->copied) ring_copy_newest_locked(s, e);
         store_relaxed(&s->frames[e->id].head[lock_sel(e->lock) ^ 1], e->head);
     }
     SHMTF_FAILPOINT("staged-all");

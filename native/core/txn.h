@@ -68,6 +68,8 @@ typedef enum {
 txn_status txn_begin(txn *x);
 /* Lock a frame.  Already locked by this transaction: fine.  *entry may be NULL. */
 txn_status txn_lock_try(txn *x, uint32_t id, txn_entry **entry);
+/* Lock frames, in ascending order of their ids, until one cannot be had. */
+txn_status txn_lock_all(txn *x, const uint32_t *id, size_t n);
 /* Take a free frame and bind it to a name. */
 txn_status txn_birth(txn *x, const name_key *key, shmtf_frame *frame, txn_entry **entry);
 /* The frame's big ring, claimed if it has none; log2: the size to claim. */
