@@ -116,6 +116,7 @@ static shmtf_status look(shmtf_store *h, query *q, uint64_t snapshot, bool *agai
     l.above = h->above;
     l.snapshot = snapshot;
     l.at_time = q->mode == TIME_AT;
+    l.poseless = !q->result;
     l.time = q->time;
     l.edges = q->result ? q->result->edges : NULL;
     l.max_edges = l.edges ? q->result->max_edges : 0;

@@ -81,6 +81,7 @@ static bool run_up(lookup *l, chain *c, bool from_source, uint32_t steps) {
     run.clears = &l->clears;
     run.above = l->above;
     run.at_time = l->at_time;
+    run.poseless = l->poseless;
     run.time = l->time;
     run.chain = (edge_chain){.cur = c->cur, .last = c->last, .pose = c->pose, .has_pose = c->n != 0,
                              .oldest = l->oldest, .newest = l->newest, .n_dynamic = l->n_dynamic,

@@ -23,6 +23,7 @@ typedef struct {
     local_hint *above; /* per frame id: its parent's id when last seen */
     uint64_t snapshot;
     bool at_time; /* else the newest record of every edge */
+    bool poseless; /* `pose` is not wanted */
     int64_t time;
     shmtf_frame target, source;
     shmtf_edge *edges; /* NULL, or room for max_edges */

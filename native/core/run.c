@@ -37,7 +37,7 @@ HOT_INLINE void use_stamp(edge_chain *c, int64_t stamp) {
 /* The edge above c->cur, and on to its parent.  `next` is what the hint says of it: the frames to come are found without
  * waiting for the record. */
 HOT_INLINE void use_edge(edge_chain *c, local_hint *above, uint64_t parent, int64_t stamp, bool is_static,
-                         const shmtf_pose *T_parent_child, uint32_t next) {
+                         const shmtf_pose *T_parent_child, bool poseless, uint32_t next) {
     if (c->edge) {
         *c->edge = (shmtf_edge){parent_frame(parent), c->cur, stamp, is_static};
         c->edge += c->stride;
@@ -48,6 +48,7 @@ HOT_INLINE void use_edge(edge_chain *c, local_hint *above, uint64_t parent, int6
     }
     c->last = c->cur;
     c->cur = (shmtf_frame){next, parent_frame(parent).gen};
+    if (poseless) return;
     c->pose = c->has_pose ? pose_compose(T_parent_child, &c->pose) : *T_parent_child;
     c->has_pose = true;
 }
@@ -69,7 +70,7 @@ static uint32_t gather_latest(edge_run *run, uint32_t most) {
         run->frame[n] = p.f;
         run->lock[n] = p.lock;
         shmtf_pose T_parent_child = ring_pose(p.newest->pose);
-        use_edge(&c, run->above, parent, stamp, info_kind(info) == KIND_STATIC, &T_parent_child, next);
+        use_edge(&c, run->above, parent, stamp, info_kind(info) == KIND_STATIC, &T_parent_child, run->poseless, next);
     }
     run->chain = c;
     return n;
@@ -80,13 +81,24 @@ typedef struct {
     ring_place p;
     uint32_t id, next; /* next: by the hint */
     bool is_static;
-    bool from_newest;  /* static, or the newest is the one: no ring is needed */
-    ring_ref ring;
-    uint64_t head, first, count, guess;
+    bool from_newest; /* static, or the newest is the one: no ring is needed */
+    const shmtf_record_head *before_head, *after_head;
+    const shmtf_record_body *before, *after;
     int64_t newest_ns;
+    ring_ref ring;
+    uint64_t head, first, count, at;
 } bracket;
 
-static bool bracket_find(const edge_run *run, const edge_rule *rule, uint32_t id, bracket *b) {
+static inline void bracket_set(bracket *b, uint64_t at) {
+    uint64_t slot = ring_slot(&b->ring, b->head, at), after = ring_slot(&b->ring, b->head, at + 1);
+    b->at = at;
+    b->before_head = &b->ring.heads[slot];
+    b->after_head = &b->ring.heads[after];
+    b->before = &b->ring.bodies[slot];
+    b->after = &b->ring.bodies[after];
+}
+
+static inline bool bracket_find(const edge_run *run, const edge_rule *rule, uint32_t id, bracket *b) {
     const shmtf_segment *s = run->s;
     if (!ring_newest_place(s, id, commit_version(run->snapshot), &b->p)) return false;
     const shmtf_newest *n = b->p.newest;
@@ -99,53 +111,56 @@ static bool bracket_find(const edge_run *run, const edge_rule *rule, uint32_t id
     b->from_newest = b->is_static || b->newest_ns == run->time;
     if (b->from_newest) return true;
     b->head = load_acquire(&b->p.f->head[lock_sel(b->p.lock)]);
-    b->count = head_count(b->head);
     if (run->time > b->newest_ns || !(b->head & HEAD_BIG) || !ring_bind(s, id, b->head, &b->ring)) return false;
-    uint64_t base = info_base(info, b->count), live = shmtf_ring_live(b->ring.log2);
-    uint64_t window = b->count > live ? b->count - live + 1 : 1;
-    b->first = base > window ? base : window;
-    if (b->first >= b->count) return false;
-    b->guess = ring_guess(b->first, b->count, b->newest_ns, period, run->time);
-    uint64_t slot = ring_slot(&b->ring, b->head, b->guess), after = ring_slot(&b->ring, b->head, b->guess + 1);
-    __builtin_prefetch(&b->ring.heads[slot]);
-    __builtin_prefetch(&b->ring.bodies[slot]);
-    __builtin_prefetch(&b->ring.bodies[after]);
+    uint64_t count = head_count(b->head), live = shmtf_ring_live(b->ring.log2), first = info_base(info, count);
+    if (count - first >= live) first = count - live + 1;
+    if (first >= count) return false;
+    b->first = first;
+    b->count = count;
+    bracket_set(b, ring_guess(first, count, b->newest_ns, period, run->time));
+    __builtin_prefetch(b->before_head);
+    __builtin_prefetch(b->before);
+    __builtin_prefetch(b->after);
     return true;
 }
 
 /* Without late stamps positions follow commits, so what is older than the newest is not newer than S.  With them it may be. */
-static inline bool counts_at(const bracket *b, uint64_t version, uint64_t slot) {
-    return !(b->head & HEAD_INDEXED) || load_acquire(&b->ring.heads[slot].tag) - 1 < version; /* [E3 acquire] */
+static inline bool in_order_at(const bracket *b, uint64_t version) {
+    if (!(b->head & HEAD_INDEXED)) return true;
+    return load_acquire(&b->before_head->tag) - 1 < version && load_acquire(&b->after_head->tag) - 1 < version; /* [E3 acquire] */
+}
+
+static inline int64_t stamp_of(const shmtf_record_head *h) { return (int64_t)load_relaxed(&h->stamp); }
+
+/* before <= t < after, differences beyond int64 included. */
+static inline double ratio_at(int64_t t, int64_t before, int64_t after) {
+    int64_t part = (int64_t)((uint64_t)t - (uint64_t)before), whole = (int64_t)((uint64_t)after - (uint64_t)before);
+    if (whole > 0) return (double)part / (double)whole;
+    return (double)(uint64_t)part / (double)(uint64_t)whole;
 }
 
 /* The pose and parent at the run's time.  False: the general way. */
-static inline bool bracket_read(const edge_run *run, const bracket *b, shmtf_pose *pose, uint64_t *parent, int64_t *stamp) {
-    const uint64_t version = commit_version(run->snapshot);
-    const ring_ref *r = &b->ring;
+static inline bool bracket_read(const edge_run *run, bracket *b, shmtf_pose *pose, uint64_t *parent, int64_t *stamp) {
     const int64_t t = run->time;
-    uint64_t at = b->guess, slot = ring_slot(r, b->head, at), after = ring_slot(r, b->head, at + 1);
-    int64_t before_ns = (int64_t)load_relaxed(&r->heads[slot].stamp), after_ns = (int64_t)load_relaxed(&r->heads[after].stamp);
+    int64_t before_ns = stamp_of(b->before_head), after_ns = stamp_of(b->after_head);
     if (before_ns > t || after_ns <= t) {
-        at = ring_last_not_after(r, b->head, b->first, b->count, b->guess, t);
+        uint64_t at = ring_last_not_after(&b->ring, b->head, b->first, b->count, b->at, t);
         if (at < b->first) return false;
-        slot = ring_slot(r, b->head, at);
-        after = ring_slot(r, b->head, at + 1);
-        before_ns = (int64_t)load_relaxed(&r->heads[slot].stamp);
-        after_ns = (int64_t)load_relaxed(&r->heads[after].stamp);
+        bracket_set(b, at);
+        before_ns = stamp_of(b->before_head);
+        after_ns = stamp_of(b->after_head);
+        if (before_ns > t || after_ns <= t) return false;
     }
-    const shmtf_record_body *body = &r->bodies[slot], *body_after = &r->bodies[after];
-    *parent = load_relaxed(&body->parent);
+    *parent = load_relaxed(&b->before->parent);
     *stamp = before_ns;
-    *pose = ring_pose(body->pose);
-    if (before_ns < ring_horizon(run->s, b->newest_ns) || !counts_at(b, version, slot)) return false;
+    *pose = ring_pose(b->before->pose);
+    if (before_ns < ring_horizon(run->s, b->newest_ns) || !in_order_at(b, commit_version(run->snapshot))) return false;
     if (before_ns == t) return true;
-    if (before_ns > t || after_ns <= t || !counts_at(b, version, after)) return false;
-    if (at + 1 < b->count && (int64_t)load_relaxed(&r->heads[ring_slot(r, b->head, at + 2)].stamp) == after_ns)
-        return false; /* the last of equals counts */
-    if (load_relaxed(&body_after->parent) != *parent) return true;
-    shmtf_pose T_parent_child = ring_pose(body_after->pose);
-    double ratio = (double)((uint64_t)t - (uint64_t)before_ns) / (double)((uint64_t)after_ns - (uint64_t)before_ns);
-    *pose = pose_interpolate(pose, &T_parent_child, ratio);
+    bool more = b->at + 1 < b->count; /* of records with one stamp the last counts */
+    if (more && stamp_of(&b->ring.heads[ring_slot(&b->ring, b->head, b->at + 2)]) == after_ns) return false;
+    if (run->poseless || load_relaxed(&b->after->parent) != *parent) return true;
+    shmtf_pose T_parent_child = ring_pose(b->after->pose);
+    *pose = pose_interpolate(pose, &T_parent_child, ratio_at(t, before_ns, after_ns));
     return true;
 }
 
@@ -170,7 +185,7 @@ static uint32_t gather_at(edge_run *run, uint32_t most) {
         if (!b[n].is_static) use_stamp(&c, stamp);
         run->frame[n] = p->f;
         run->lock[n] = p->lock;
-        use_edge(&c, run->above, parent, stamp, b[n].is_static, &T_parent_child, b[n].next);
+        use_edge(&c, run->above, parent, stamp, b[n].is_static, &T_parent_child, run->poseless, b[n].next);
     }
     run->chain = c;
     return n;

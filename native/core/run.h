@@ -36,6 +36,7 @@ typedef struct {
     const tree_clears *clears;
     local_hint *above; /* per frame id: its parent's id when last seen */
     bool at_time;      /* else the newest record of every edge */
+    bool poseless;     /* whether there is an answer is all that is asked */
     int64_t time;
     edge_chain chain;
     /* to be checked */
