@@ -137,17 +137,42 @@ void xsim_read_names(uint64_t snapshot, const char *names) {
     }
 }
 
+/* Which records surround a time; -1: none. */
+static void around(const ghost_frame *g, int64_t t, int *before, int *after) {
+    *before = *after = -1;
+    for (int i = 0; i < g->n && g->r[i].stamp <= t; i++) *before = i;
+    for (int i = *before + 1; i < g->n && (*after < 0 || g->r[i].stamp == g->r[*after].stamp); i++) *after = i;
+    if (t >= g->r[g->n - 1].stamp || (*before >= 0 && g->r[*before].stamp == t)) *after = -1;
+}
+
 static void check_around(const ring_around_result *a, const ghost_frame *g, int64_t t) {
-    int before = -1, after = -1;
+    int before, after;
     check_record(&a->newest, &g->r[g->n - 1], "the newest record around a time");
     if (g->kind != KIND_DYNAMIC) return;
-    for (int i = 0; i < g->n && g->r[i].stamp <= t; i++) before = i;
-    for (int i = before + 1; i < g->n && (after < 0 || g->r[i].stamp == g->r[after].stamp); i++) after = i;
-    if (t >= g->r[g->n - 1].stamp || (before >= 0 && g->r[before].stamp == t)) after = -1;
+    around(g, t, &before, &after);
     expect(a->has_before, before >= 0, "whether there is a record before");
     expect(a->has_after, after >= 0, "whether there is a record after");
     if (before >= 0) check_record(&a->before, &g->r[before], "the record before");
     if (after >= 0) check_record(&a->after, &g->r[after], "the record after");
+}
+
+/* What a run of one edge says, if it says anything. */
+static void check_run(uint64_t snapshot, const tree_clears *clears, shmtf_frame handle, const ghost_frame *g, int64_t t) {
+    edge_run run = {.s = &xs.s, .snapshot = snapshot, .clears = clears, .above = xs.above, .at_time = true, .time = t};
+    run.chain = (edge_chain){.cur = handle, .oldest = INT64_MAX, .newest = INT64_MIN};
+    if (!run_edges(&run, 1)) return;
+    n_reads++;
+    int before = g->n - 1, after = -1;
+    bool alive = g->handle.gen && parent_make(g->handle) == parent_make(handle);
+    expect(alive && g->n, true, "whether a run finds an edge");
+    if (g->kind == KIND_DYNAMIC) around(g, t, &before, &after);
+    if (before < 0 || (g->kind == KIND_DYNAMIC && t > g->r[g->n - 1].stamp))
+        return sched_fail("a run found an edge outside its records");
+    const ghost_record *b = &g->r[before], *a = &g->r[after < 0 ? before : after];
+    double want = b->value;
+    if (a != b && a->parent == b->parent) want += (a->value - want) * (double)(t - b->stamp) / (double)(a->stamp - b->stamp);
+    expect(parent_make(run.chain.cur), b->parent, "the parent in a run");
+    expect((uint64_t)(int64_t)(run.chain.pose.x * 1e6 + 0.5), (uint64_t)(int64_t)(want * 1e6 + 0.5), "the value of a run");
 }
 
 void xsim_read_around(uint64_t snapshot, const char *names, int64_t time) {
@@ -167,6 +192,7 @@ void xsim_read_around(uint64_t snapshot, const char *names, int64_t time) {
         bool alive = g->handle.gen && parent_make(g->handle) == parent_make(handle);
         expect(step, !alive ? STEP_GONE : g->n ? STEP_EDGE : STEP_ROOT, "whether the frame has an edge at that time");
         if (step == STEP_EDGE) check_around(&a, g, time);
+        check_run(snapshot, &l.clears, handle, g, time);
     }
 }
 
@@ -225,10 +251,27 @@ static void stepped(int thread) {
     n_commits++;
 }
 
+/* Beside the lock stands what the ring says. */
+static void check_copy(uint32_t id, uint64_t lock, uint64_t head) {
+    shmtf_newest *copy = &xs.s.frames[id].newest[lock_sel(lock)];
+    ring_ref r = {NULL, NULL, NULL, 0};
+    ring_record newest;
+    if (!head_count(head)) return expect(atomic_load(&copy->tag), 0, "the copy of no record");
+    if (!ring_bind(&xs.s, id, head, &r)) fail("the ring of a frame", id, 0);
+    uint64_t slot = ring_slot(&r, head, head_count(head));
+    ring_copy(&r.heads[slot], &r.bodies[slot], &newest);
+    expect(atomic_load(&copy->tag), atomic_load(&r.heads[slot].tag), "the version in the copy of the newest record");
+    expect(atomic_load(&copy->stamp), (uint64_t)newest.stamp, "the stamp in the copy of the newest record");
+    expect(atomic_load(&copy->info), newest.info, "the kind in the copy of the newest record");
+    expect(atomic_load(&copy->parent), newest.parent, "the parent in the copy of the newest record");
+    expect((uint64_t)(int64_t)load_double(&copy->pose[0]), (uint64_t)(int64_t)newest.pose.x, "the value in the copy of the newest record");
+}
+
 static void check_ring(uint32_t id) {
     uint64_t lock = atomic_load(&xs.s.frames[id].lock), head = atomic_load(&xs.s.frames[id].head[lock_sel(lock)]);
     ring_ref r = {NULL, NULL, NULL, 0};
     if (lock_owned(lock)) fail("a lock is left", id, 0);
+    check_copy(id, lock, head);
     if (!(head & HEAD_BIG)) return;
     if (!ring_bind(&xs.s, id, head, &r)) fail("the ring of a frame", id, 0);
     uint64_t seen = 0, count = head_count(head);
@@ -272,6 +315,12 @@ static bool is_point(const void *word) {
     const unsigned char *p = word, *base = xs.memory;
     size_t at_byte = (size_t)(p - base);
     const shmtf_geometry *g = &xs.s.geo;
+    if (at_byte >= g->off_frames && at_byte < g->off_names) {
+        size_t in = (at_byte - g->off_frames) % sizeof(shmtf_frame_words_t);
+        if (in < offsetof(shmtf_frame_words_t, newest)) return true;
+        in = (in - offsetof(shmtf_frame_words_t, newest)) % sizeof(shmtf_newest);
+        return in < offsetof(shmtf_newest, period) || in == offsetof(shmtf_newest, pose) || in == offsetof(shmtf_newest, parent);
+    }
     if (at_byte >= g->off_inline && at_byte < g->off_chunks) {
         size_t in = (at_byte - g->off_inline) % sizeof(shmtf_inline_ring);
         if (in < offsetof(shmtf_inline_ring, body)) return true;

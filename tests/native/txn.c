@@ -33,7 +33,8 @@ static void die_at(writer *wr, phase until) {
     uint64_t g = now_of(&w), version = commit_version(g) + 1, shape = x->reshapes ? STATE_TOPOLOGY : 0;
     if (until >= HEADS)
         for (size_t i = 0; i < x->n; i++) {
-            const ring_writer *e = &x->entries[i].w;
+            ring_writer *e = &x->entries[i].w;
+            if (!e->copied) ring_copy_newest_locked(&w.s, e);
             atomic_store(&w.s.frames[e->id].head[lock_sel(e->lock) ^ 1], e->head);
         }
     if (until >= TAGGED)
