@@ -15,6 +15,17 @@ static stage_status from_txn(txn_status st) {
     }
 }
 
+static stage_status from_find(stage *g, find_status st) {
+    g->what = g->names.what;
+    switch (st) {
+    case FIND_OK: return STAGE_OK;
+    case FIND_RETRY: return STAGE_RETRY;
+    case FIND_GONE: return STAGE_GONE;
+    case FIND_BAD_NAME: return STAGE_BAD_NAME;
+    default: return STAGE_CORRUPT;
+    }
+}
+
 stage_status stage_check(stage *g) {
     for (g->item = 0; g->item < g->n; g->item++) {
         shmtf_pose *pose = &g->items[g->item].pose;
@@ -33,7 +44,7 @@ static void forget_ended(shmtf_ref *ref, shmtf_frame ended) {
 static stage_status stale(stage *g, shmtf_ref *ref) {
     const shmtf_frame ended = ref->frame;
     if (!ref->name) return STAGE_GONE; /* the caller's handle stays as it is */
-    g->careful = true;
+    g->names.careful = true;
     for (size_t i = 0; i < g->n; i++) {
         forget_ended(&g->items[i].child, ended);
         forget_ended(&g->items[i].parent, ended);
@@ -88,7 +99,7 @@ static void announce(const txn *x, const uint32_t *id, size_t n) {
 }
 
 static bool is_self(const shmtf_ref *parent, const shmtf_ref *child) {
-    if (!child->frame.gen) return stage_same_name(child, parent);
+    if (!child->frame.gen) return find_same_name(child, parent);
     return child->frame.id == parent->frame.id && child->frame.gen == parent->frame.gen;
 }
 
@@ -113,7 +124,10 @@ static stage_status lock_children(stage *g) {
     stage_status st = list_children(g, &n, &all);
     if (st != STAGE_OK) return st;
     if (!all) {
-        st = stage_find_all(g);
+        g->names.x = g->x;
+        find_status found = find_names(&g->names, g->items, g->n);
+        g->item = g->names.item;
+        st = from_find(g, found);
         if (st == STAGE_OK) st = list_children(g, &n, &all);
         if (st != STAGE_OK) return st;
     }
@@ -127,7 +141,7 @@ static stage_status give_birth(stage *g, shmtf_ref *ref) {
     name_key key;
     txn_entry *e;
     if (ref->frame.gen) return STAGE_OK;
-    stage_status st = stage_key(g, ref, &key);
+    stage_status st = from_find(g, find_key(&g->names, ref, &key));
     if (st != STAGE_OK) return st;
     if (names_find_bound_by(g->x->s, &key, g->x->own, &ref->frame)) return STAGE_OK; /* by an earlier item */
     return from_txn(txn_birth(g->x, &key, &ref->frame, &e));
@@ -259,9 +273,10 @@ stage_status stage_declare(stage *g, const char *name, unsigned ring_log2) {
     shmtf_ref ref = {name, {0, 0}};
     txn_entry *e;
     name_key key;
-    g->careful = true;
-    stage_status st = stage_find(g, &ref);
-    if (st == STAGE_OK) st = stage_key(g, &ref, &key);
+    g->names.careful = true;
+    g->names.x = x;
+    stage_status st = from_find(g, find_name(&g->names, &ref));
+    if (st == STAGE_OK) st = from_find(g, find_key(&g->names, &ref, &key));
     if (st != STAGE_OK) return st;
     bool born = !ref.frame.gen;
     st = from_txn(born ? txn_birth(x, &key, &ref.frame, &e) : txn_lock_try(x, ref.frame.id, &e));
@@ -285,7 +300,8 @@ stage_status stage_declare(stage *g, const char *name, unsigned ring_log2) {
 stage_status stage_remove(stage *g, shmtf_ref *ref) {
     txn *x = g->x;
     txn_entry *e;
-    stage_status st = stage_find(g, ref);
+    g->names.x = x;
+    stage_status st = from_find(g, find_name(&g->names, ref));
     if (st != STAGE_OK) return st;
     if (!ref->frame.gen) return STAGE_GONE;
     st = from_txn(txn_lock_try(x, ref->frame.id, &e));

@@ -6,7 +6,7 @@
 #ifndef SHMTF_CORE_STAGE_H
 #define SHMTF_CORE_STAGE_H
 
-#include "core/txn.h"
+#include "core/find.h"
 
 typedef enum {
     STAGE_OK,
@@ -29,13 +29,13 @@ typedef enum {
 
 typedef struct {
     txn *x;
+    finder names;
     shmtf_transform *items;
     size_t n;
     uint32_t *order; /* room for n */
     int64_t arrival_ns;
     uint16_t writer;
     bool has_unborn; /* names that no frame had */
-    bool careful; /* a handle that a name led to was of an ended life: hints are not enough */
     /* why it was refused */
     size_t item;
     const char *what;
@@ -45,13 +45,6 @@ typedef struct {
     shmtf_frame frame;
 } stage;
 
-/* stage_names.c: handles for the names of all items, or of one reference, as far as their frames exist; names that nobody
- * has are checked. */
-stage_status stage_find_all(stage *g);
-stage_status stage_find(stage *g, shmtf_ref *ref);
-stage_status stage_key(stage *g, const shmtf_ref *ref, name_key *key);
-bool stage_same_name(const shmtf_ref *a, const shmtf_ref *b);
-
 stage_status stage_transforms(stage *g);
 /* After an abort: items with names must not keep the handles of frames that were bound but not born. */
 void stage_forget_unborn(stage *g);
@@ -60,7 +53,5 @@ stage_status stage_remove(stage *g, shmtf_ref *frame);
 stage_status stage_clear(stage *g, bool keep_static);
 /* Check the arguments of all items; changes nothing but brings poses into the stored form. */
 stage_status stage_check(stage *g);
-/* Is it well-formed UTF-8? */
-bool stage_utf8(const char *text);
 
 #endif

@@ -13,8 +13,8 @@ static void check_utf8(void) {
     static const char *const good[] = {"a", "base_link", "r\xc3\xa4umlich", "\xe6\x9c\xba", "\xf0\x9f\xa4\x96", "\xef\xbf\xbf", "\xf4\x8f\xbf\xbf", "\x7f", ""};
     static const char *const bad[] = {"\x80", "\xc3", "\xc3(", "\xc0\x80", "\xe0\x80\x80", "\xe6\x9c", "\xed\xa0\x80", "\xf0\x8f\xbf\xbf",
                                       "\xf4\x90\x80\x80", "\xf8\x88\x80\x80\x80", "\xff", "ok\xe6"};
-    for (size_t i = 0; i < sizeof good / sizeof *good; i++) CHECK(stage_utf8(good[i]));
-    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) CHECK(!stage_utf8(bad[i]));
+    for (size_t i = 0; i < sizeof good / sizeof *good; i++) CHECK(find_utf8(good[i]));
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) CHECK(!find_utf8(bad[i]));
 }
 
 static void check_keys(void) {

@@ -1,0 +1,114 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "core/find.h"
+
+bool find_utf8(const char *text) {
+    const unsigned char *p = (const unsigned char *)text;
+    while (*p) {
+        unsigned c = *p++, more = c < 0x80 ? 0 : (c & 0xe0) == 0xc0 ? 1 : (c & 0xf0) == 0xe0 ? 2 : (c & 0xf8) == 0xf0 ? 3 : 9;
+        uint32_t code = c & (0x7fu >> (more ? more + 1 : 0));
+        static const uint32_t least[4] = {0, 0x80, 0x800, 0x10000};
+        if (more > 3) return false;
+        for (unsigned i = 0; i < more; i++, p++) {
+            if ((*p & 0xc0) != 0x80) return false;
+            code = code << 6 | (*p & 0x3fu);
+        }
+        if (code < least[more] || code > 0x10ffff || (code >= 0xd800 && code < 0xe000)) return false;
+    }
+    return true;
+}
+
+static bool is_known(const txn *x, const shmtf_ref *ref) {
+    return ref->frame.gen && ref->frame.id && ref->frame.id <= x->s->geo.max_frames;
+}
+bool find_same_name(const shmtf_ref *a, const shmtf_ref *b) {
+    return a->name && b->name && (a->name == b->name || !strcmp(a->name, b->name));
+}
+
+find_status find_key(finder *f, const shmtf_ref *ref, name_key *key) {
+    if (ref->frame.gen && !ref->name) return FIND_GONE; /* no frame has such a handle */
+    f->what = names_key(key, ref->name);
+    return f->what ? FIND_BAD_NAME : FIND_OK;
+}
+
+static bool seems_alive(const txn *x, const name_key *key, shmtf_frame *frame) {
+    ring_place p;
+    return names_guess(x->s, key, frame) && ring_newest_place(x->s, frame->id, commit_version(x->snapshot), &p) &&
+           info_kind(load_relaxed(&p.newest->info)) != KIND_REMOVED;
+}
+
+/* Name to handle, if the frame exists.  A name that nobody has must be a good one. */
+static find_status find(finder *f, shmtf_ref *ref, const name_key *key) {
+    const txn *x = f->x;
+    if (!f->careful && seems_alive(x, key, &ref->frame)) return FIND_OK;
+    ring_status st = names_find(x->s, x->snapshot, key, &ref->frame);
+    if (st == RING_OK) return FIND_OK;
+    ref->frame = (shmtf_frame){0, 0};
+    if (st != RING_NONE) return st == RING_CORRUPT ? FIND_CORRUPT : FIND_RETRY;
+    if (find_utf8(ref->name)) return FIND_OK;
+    f->what = "a frame name is not UTF-8";
+    return FIND_BAD_NAME;
+}
+
+find_status find_name(finder *f, shmtf_ref *ref) {
+    name_key key;
+    if (is_known(f->x, ref)) return FIND_OK;
+    find_status st = find_key(f, ref, &key);
+    return st == FIND_OK ? find(f, ref, &key) : st;
+}
+
+/* The item whose child is the parent of item i, if it is a neighbour: chains are given link by link. */
+static const shmtf_ref *neighbour(const shmtf_transform *items, size_t n, size_t i) {
+    const shmtf_ref *parent = &items[i].parent;
+    if (i && find_same_name(&items[i - 1].child, parent)) return &items[i - 1].child;
+    if (i + 1 < n && find_same_name(&items[i + 1].child, parent)) return &items[i + 1].child;
+    return NULL;
+}
+
+/* Names that are looked up side by side, so that their cache misses overlap. */
+enum { AT_ONCE = 32 };
+typedef struct {
+    name_key key[AT_ONCE];
+    shmtf_ref *ref[AT_ONCE];
+    size_t item[AT_ONCE], n;
+} find_batch;
+
+static find_status find_together(finder *f, find_batch *b) {
+    for (size_t i = 0; i < b->n; i++) names_announce(f->x->s, &b->key[i]);
+    for (size_t i = 0; i < b->n; i++) {
+        f->item = b->item[i];
+        find_status st = find(f, b->ref[i], &b->key[i]);
+        if (st != FIND_OK) return st;
+    }
+    b->n = 0;
+    return FIND_OK;
+}
+
+static find_status find_later(finder *f, shmtf_ref *ref, find_batch *b) {
+    if (is_known(f->x, ref)) return FIND_OK;
+    find_status st = find_key(f, ref, &b->key[b->n]);
+    if (st != FIND_OK) return st;
+    names_announce_bucket(f->x->s, &b->key[b->n]);
+    b->ref[b->n] = ref;
+    b->item[b->n++] = f->item;
+    return b->n == AT_ONCE ? find_together(f, b) : FIND_OK;
+}
+
+find_status find_names(finder *f, shmtf_transform *items, size_t n) {
+    find_batch b;
+    b.n = 0;
+    for (size_t i = 0; i < n; i++) {
+        f->item = i;
+        find_status st = find_later(f, &items[i].child, &b);
+        if (st == FIND_OK && !neighbour(items, n, i)) {
+            f->item = i;
+            st = find_later(f, &items[i].parent, &b);
+        }
+        if (st != FIND_OK) return st;
+    }
+    find_status st = find_together(f, &b);
+    for (size_t i = 0; i < n && st == FIND_OK; i++) {
+        const shmtf_ref *other = is_known(f->x, &items[i].parent) ? NULL : neighbour(items, n, i);
+        if (other) items[i].parent.frame = other->frame;
+    }
+    return st;
+}
