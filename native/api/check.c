@@ -81,20 +81,20 @@ static void check_ring(shmtf_store *h, uint32_t id, uint64_t head, uint64_t comm
 
 /* The copy beside the lock must say what the ring says. */
 static void check_copy(shmtf_store *h, uint32_t id, unsigned sel, uint64_t head, shmtf_check_report *rep) {
-    const shmtf_newest *copy = &h->s.frames[id].newest[sel];
-    uint64_t tag = load_acquire(&copy->tag), moved; /* a bit that differs anywhere */
+    const shmtf_frame_words_t *f = &h->s.frames[id];
+    uint64_t tag = load_acquire(&f->newest_tag[sel]);
     ring_ref r;
     if (!head_count(head)) {
         if (tag) problem(rep, "copy of no record of frame", id, tag);
         return;
     }
     if (!ring_bind(&h->s, id, head, &r)) return; /* said by check_ring */
-    uint64_t slot = ring_slot(&r, head, head_count(head));
-    const shmtf_record_head *newest = &r.heads[slot];
-    moved = (tag ^ load_acquire(&newest->tag)) | (load_relaxed(&copy->stamp) ^ load_relaxed(&newest->stamp)) |
-            (load_relaxed(&copy->info) ^ load_relaxed(&newest->info)) | (load_relaxed(&copy->parent) ^ load_relaxed(&r.bodies[slot].parent));
-    for (int i = 0; i < SHMTF_POSE_WORDS; i++) moved |= load_relaxed(&copy->pose[i]) ^ load_relaxed(&r.bodies[slot].pose[i]);
-    if (moved) problem(rep, "copy of the newest record of frame", id, tag);
+    uint64_t slot = ring_slot(&r, head, head_count(head)), info = load_relaxed(&r.heads[slot].info);
+    uint64_t edge = edge_make(load_relaxed(&r.bodies[slot].parent), info_kind(info), info_flags(info));
+    uint64_t differs = (tag ^ load_acquire(&r.heads[slot].tag)) | (load_relaxed(&f->newest_stamp[sel]) ^ load_relaxed(&r.heads[slot].stamp)) |
+                       (load_relaxed(&f->newest_edge[sel]) ^ edge) | search_base(load_relaxed(&f->newest_search[sel]) ^ info);
+    for (int i = 0; i < SHMTF_POSE_WORDS; i++) differs |= load_relaxed(&f->newest[sel].pose[i]) ^ load_relaxed(&r.bodies[slot].pose[i]);
+    if (differs) problem(rep, "copy of the newest record of frame", id, tag);
 }
 
 /* Look at a frame while nothing moves under the look; a frame that is always moving is in use, hence fine. */

@@ -33,7 +33,7 @@ find_status find_key(finder *f, const shmtf_ref *ref, name_key *key) {
 static bool seems_alive(const txn *x, const name_key *key, shmtf_frame *frame) {
     ring_place p;
     return names_guess(x->s, key, frame) && ring_newest_place(x->s, frame->id, commit_version(x->snapshot), &p) &&
-           info_kind(load_relaxed(&p.newest->info)) != KIND_REMOVED;
+           edge_kind(place_edge(&p)) != KIND_REMOVED;
 }
 
 /* Name to handle, if the frame exists.  A name that nobody has must be a good one. */

@@ -114,7 +114,7 @@ static tree_step existence(const lookup *l, shmtf_frame frame) {
     ring_record r;
     ring_place p;
     if (frame.id - 1ull < s->geo.max_frames && ring_newest_place(s, frame.id, commit_version(l->snapshot), &p)) {
-        record_kind kind = info_kind(load_relaxed(&p.newest->info));
+        record_kind kind = edge_kind(place_edge(&p));
         bool life = (uint32_t)load_relaxed(&p.f->gen) == frame.gen && load_relaxed(&p.f->floor) <= commit_version(l->snapshot);
         fence_acquire(); /* [E3 acquire] [E7 acquire] */
         if (life && load_relaxed(&p.f->lock) == p.lock) return kind == KIND_REMOVED ? STEP_GONE : STEP_ROOT;

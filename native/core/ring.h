@@ -60,6 +60,16 @@ static inline shmtf_frame parent_frame(uint64_t parent) {
     return (shmtf_frame){(uint32_t)(parent & 0xffffff), (uint32_t)(parent >> 24)};
 }
 
+/* The same in the copy beside a lock. */
+#define PARENT_MASK ((1ull << 56) - 1)
+static inline uint64_t edge_make(uint64_t parent, record_kind kind, uint64_t flags) { return (parent & PARENT_MASK) | (uint64_t)kind << 56 | flags << 60; }
+static inline uint64_t edge_parent(uint64_t edge) { return edge & PARENT_MASK; }
+static inline record_kind edge_kind(uint64_t edge) { return (record_kind)(edge >> 56 & 15); }
+static inline uint64_t edge_flags(uint64_t edge) { return edge >> 60; }
+static inline uint64_t search_make(uint64_t base, uint64_t period) { return (base & 0xffffff) | (period >> 40 ? 0 : period << 24); }
+static inline uint64_t search_base(uint64_t search) { return search & 0xffffff; }
+static inline uint64_t search_period(uint64_t search) { return search >> 24; }
+
 /* A ring's memory. */
 typedef struct {
     shmtf_record_head *heads;
@@ -127,9 +137,11 @@ ring_status ring_latest_any(const shmtf_segment *s, uint32_t id, uint64_t snapsh
 /* A frame's newest record, as its copy beside the lock says. */
 typedef struct {
     const shmtf_frame_words_t *f;
-    const shmtf_newest *newest;
     uint64_t lock, tag;
+    unsigned sel; /* which copy */
 } ring_place;
+static inline int64_t place_stamp(const ring_place *p) { return (int64_t)load_relaxed(&p->f->newest_stamp[p->sel]); }
+static inline uint64_t place_edge(const ring_place *p) { return load_relaxed(&p->f->newest_edge[p->sel]); }
 
 /* The common case: nobody writes the frame, and its newest record is not newer than S.  False: nothing is known, ask
  * ring_latest_any.  Whatever is read at the place, of the frame and of its ring counts if, after an acquire fence, the
@@ -138,22 +150,23 @@ typedef struct {
 HOT_INLINE bool ring_newest_place(const shmtf_segment *s, uint32_t id, uint64_t version, ring_place *p) {
     p->f = &s->frames[id];
     p->lock = load_acquire(&p->f->lock); /* [E5 acquire] */
-    p->newest = &p->f->newest[lock_sel(p->lock)];
-    p->tag = load_acquire(&p->newest->tag);
+    p->sel = lock_sel(p->lock);
+    p->tag = load_acquire(&p->f->newest_tag[p->sel]);
     return (int64_t)p->lock >= 0 && p->tag - 1 < version; /* not owned; neither 0, nor an owner's tag, nor newer than S */
 }
 
-/* Without the time of arrival, which the copy does not hold. */
+/* Without writer and time of arrival, which the copy does not hold. */
 HOT_INLINE bool ring_latest_quick(const shmtf_segment *s, uint32_t id, uint64_t snapshot, ring_record *out) {
     ring_place p;
     if (!ring_newest_place(s, id, commit_version(snapshot), &p)) return false;
+    uint64_t edge = place_edge(&p);
     out->version = p.tag;
-    out->stamp = (int64_t)load_relaxed(&p.newest->stamp);
+    out->stamp = place_stamp(&p);
     out->arrival = 0;
-    out->info = load_relaxed(&p.newest->info);
-    out->parent = load_relaxed(&p.newest->parent);
-    out->pose = ring_pose(p.newest->pose);
-    out->position = head_count(load_relaxed(&p.f->head[lock_sel(p.lock)]));
+    out->info = info_make(search_base(load_relaxed(&p.f->newest_search[p.sel])), edge_kind(edge), edge_flags(edge), 0);
+    out->parent = edge_parent(edge);
+    out->pose = ring_pose(p.f->newest[p.sel].pose);
+    out->position = head_count(load_relaxed(&p.f->head[p.sel]));
     fence_acquire(); /* [E3 acquire] */
     return load_relaxed(&p.f->lock) == p.lock;
 }
@@ -236,7 +249,7 @@ void ring_tag_all_staged(const shmtf_segment *s, const ring_writer *w, uint64_t 
 static inline void ring_tag_staged(const shmtf_segment *s, const ring_writer *w, uint64_t version) {
     if (w->only_tag) store_relaxed(w->only_tag, version);
     else if (w->used) ring_tag_all_staged(s, w, version);
-    if (w->newest_is_ours) store_relaxed(&s->frames[w->id].newest[lock_sel(w->lock) ^ 1].tag, version);
+    if (w->newest_is_ours) store_relaxed(&s->frames[w->id].newest_tag[lock_sel(w->lock) ^ 1], version);
 }
 /* Finish what a committed lock holder staged: tags, then unlock with the other head in force.  Idempotent; for any
  * number of helpers, dead or stalled at any point. */

@@ -44,35 +44,33 @@ HOT_INLINE void record_write(shmtf_record_head *h, shmtf_record_body *b, uint64_
     store_relaxed(&b->parent, parent);
 }
 
-HOT_INLINE void newest_write(shmtf_newest *n, uint64_t tag, int64_t stamp, uint64_t info, uint64_t period, uint64_t parent,
+HOT_INLINE void newest_write(shmtf_frame_words_t *f, unsigned sel, uint64_t tag, int64_t stamp, uint64_t edge, uint64_t search,
                              const shmtf_pose *pose) {
-    store_relaxed(&n->tag, tag);
-    store_relaxed(&n->stamp, (uint64_t)stamp);
-    store_relaxed(&n->info, info);
-    store_relaxed(&n->period, period);
+    store_relaxed(&f->newest_tag[sel], tag);
+    store_relaxed(&f->newest_stamp[sel], (uint64_t)stamp);
+    store_relaxed(&f->newest_edge[sel], edge);
     SHMTF_FAILPOINT("half-copied");
-    store_pose(n->pose, pose);
-    store_relaxed(&n->parent, parent);
+    store_relaxed(&f->newest_search[sel], search);
+    store_pose(f->newest[sel].pose, pose);
 }
 
 bool ring_append_locked(const shmtf_segment *s, ring_writer *w, uint64_t upto, int64_t stamp, int64_t arrival, uint64_t parent,
                         const shmtf_pose *pose, uint16_t writer) {
     ring_ref r;
-    uint64_t count = head_count(w->head);
-    unsigned sel = lock_sel(w->lock);
-    shmtf_newest *copy = &s->frames[w->id].newest[sel ^ 1];
-    const shmtf_newest *newest = w->used ? copy : &s->frames[w->id].newest[sel];
+    shmtf_frame_words_t *f = &s->frames[w->id];
+    const uint64_t count = head_count(w->head), edge = edge_make(parent, KIND_DYNAMIC, 0);
+    unsigned next = lock_sel(w->lock) ^ 1, newest = w->used ? next : next ^ 1;
     if (w->used && !w->copied) return false;
-    uint64_t info = load_relaxed(&newest->info), base = info_base(info, count), was = load_relaxed(&newest->stamp);
-    if (!(w->head & HEAD_BIG) || !count || load_relaxed(&newest->tag) <= upto || info_kind(info) != KIND_DYNAMIC ||
-        (int64_t)was >= stamp || load_relaxed(&newest->parent) != parent || !ring_bind(s, w->id, w->head, &r))
+    uint64_t was = load_relaxed(&f->newest_stamp[newest]), base = info_base(search_base(load_relaxed(&f->newest_search[newest])), count);
+    if (!(w->head & HEAD_BIG) || !count || load_relaxed(&f->newest_tag[newest]) <= upto || (int64_t)was >= stamp ||
+        load_relaxed(&f->newest_edge[newest]) != edge || !ring_bind(s, w->id, w->head, &r))
         return false;
     uint64_t slot = ring_slot(&r, w->head, count + 1), live = shmtf_ring_live(r.log2);
     if (w->used && count - head_count(w->head0) >= shmtf_ring_spare(r.log2)) return false;
     if (count + 1 - base > live) base = count + 1 - live;
-    info = info_make(base, KIND_DYNAMIC, 0, writer);
-    record_write(&r.heads[slot], &r.bodies[slot], lock_tag(w->lock), stamp, (uint64_t)arrival, info, parent, pose);
-    newest_write(copy, lock_tag(w->lock), stamp, info, (uint64_t)stamp - was, parent, pose);
+    record_write(&r.heads[slot], &r.bodies[slot], lock_tag(w->lock), stamp, (uint64_t)arrival,
+                 info_make(base, KIND_DYNAMIC, 0, writer), parent, pose);
+    newest_write(f, next, lock_tag(w->lock), stamp, edge, search_make(base, (uint64_t)stamp - was), pose);
     w->head++; /* the count is its low part */
     w->only_tag = w->used ? NULL : &r.heads[slot].tag;
     w->used = w->copied = w->newest_is_ours = true;
@@ -82,20 +80,22 @@ bool ring_append_locked(const shmtf_segment *s, ring_writer *w, uint64_t upto, i
 
 void ring_copy_newest_locked(const shmtf_segment *s, ring_writer *w) {
     ring_ref r;
-    uint64_t count = head_count(w->head);
-    shmtf_newest *copy = &s->frames[w->id].newest[lock_sel(w->lock) ^ 1];
+    shmtf_frame_words_t *f = &s->frames[w->id];
+    const uint64_t count = head_count(w->head);
+    unsigned next = lock_sel(w->lock) ^ 1;
     w->copied = true;
     fence_release(); /* [E3 release] */
     if (!count || !ring_bind(s, w->id, w->head, &r)) {
-        store_relaxed(&copy->tag, 0);
+        store_relaxed(&f->newest_tag[next], 0);
         return;
     }
     ring_record newest;
     uint64_t slot = ring_slot(&r, w->head, count), tag = load_relaxed(&r.heads[slot].tag), period = 0;
     ring_copy(&r.heads[slot], &r.bodies[slot], &newest);
-    if (count > info_base(newest.info, count))
-        period = (uint64_t)newest.stamp - load_relaxed(&r.heads[ring_slot(&r, w->head, count - 1)].stamp);
-    newest_write(copy, tag, newest.stamp, newest.info, period, newest.parent, &newest.pose);
+    uint64_t base = info_base(newest.info, count);
+    if (count > base) period = (uint64_t)newest.stamp - load_relaxed(&r.heads[ring_slot(&r, w->head, count - 1)].stamp);
+    newest_write(f, next, tag, newest.stamp, edge_make(newest.parent, info_kind(newest.info), info_flags(newest.info)),
+                 search_make(base, period), &newest.pose);
     w->newest_is_ours = tag == lock_tag(w->lock);
 }
 
@@ -197,7 +197,7 @@ void ring_apply(const shmtf_segment *s, uint32_t id, uint64_t lock, uint64_t ver
             shmtf_word *tag = &r.heads[ring_slot(&r, head, p)].tag;
             if (load_relaxed(tag) == lock_tag(lock)) cas_acq_rel(tag, lock_tag(lock), version);
         }
-    shmtf_word *newest = &f->newest[sel ^ 1].tag;
+    shmtf_word *newest = &f->newest_tag[sel ^ 1];
     if (load_relaxed(newest) == lock_tag(lock)) cas_acq_rel(newest, lock_tag(lock), version);
     SHMTF_FAILPOINT("tagged");
     cas_acq_rel(&f->lock, lock, lock_applied(lock)); /* [E5 release] */

@@ -63,14 +63,14 @@ static uint32_t gather_latest(edge_run *run, uint32_t most) {
         uint32_t next = opaque32(hint_get(&run->above[c.cur.id]));
         ring_place p;
         if (!ring_newest_place(s, c.cur.id, version, &p)) break;
-        uint64_t info = load_relaxed(&p.newest->info), parent = load_relaxed(&p.newest->parent);
-        int64_t stamp = (int64_t)load_relaxed(&p.newest->stamp);
-        if (p.tag <= rule.upto[info_kind(info)] || (uint32_t)load_relaxed(&p.f->gen) != c.cur.gen) break;
-        if (info_kind(info) == KIND_DYNAMIC) use_stamp(&c, stamp);
+        uint64_t edge = place_edge(&p);
+        int64_t stamp = place_stamp(&p);
+        if (p.tag <= rule.upto[edge_kind(edge)] || (uint32_t)load_relaxed(&p.f->gen) != c.cur.gen) break;
+        if (edge_kind(edge) == KIND_DYNAMIC) use_stamp(&c, stamp);
         run->frame[n] = p.f;
         run->lock[n] = p.lock;
-        shmtf_pose T_parent_child = ring_pose(p.newest->pose);
-        use_edge(&c, run->above, parent, stamp, info_kind(info) == KIND_STATIC, &T_parent_child, run->poseless, next);
+        shmtf_pose T_parent_child = ring_pose(p.f->newest[p.sel].pose);
+        use_edge(&c, run->above, edge_parent(edge), stamp, edge_kind(edge) == KIND_STATIC, &T_parent_child, run->poseless, next);
     }
     run->chain = c;
     return n;
@@ -101,23 +101,23 @@ static inline void bracket_set(bracket *b, uint64_t at) {
 static inline bool bracket_find(const edge_run *run, const edge_rule *rule, uint32_t id, bracket *b) {
     const shmtf_segment *s = run->s;
     if (!ring_newest_place(s, id, commit_version(run->snapshot), &b->p)) return false;
-    const shmtf_newest *n = b->p.newest;
-    uint64_t info = load_relaxed(&n->info), period = load_relaxed(&n->period);
-    if (b->p.tag <= rule->upto[info_kind(info)]) return false;
+    uint64_t edge = place_edge(&b->p);
+    if (b->p.tag <= rule->upto[edge_kind(edge)]) return false;
     b->id = id;
     b->next = opaque32(hint_get(&run->above[id]));
-    b->newest_ns = (int64_t)load_relaxed(&n->stamp);
-    b->is_static = info_kind(info) == KIND_STATIC;
+    b->newest_ns = place_stamp(&b->p);
+    b->is_static = edge_kind(edge) == KIND_STATIC;
     b->from_newest = b->is_static || b->newest_ns == run->time;
     if (b->from_newest) return true;
-    b->head = load_acquire(&b->p.f->head[lock_sel(b->p.lock)]);
+    b->head = load_acquire(&b->p.f->head[b->p.sel]);
+    uint64_t search = load_relaxed(&b->p.f->newest_search[b->p.sel]);
     if (run->time > b->newest_ns || !(b->head & HEAD_BIG) || !ring_bind(s, id, b->head, &b->ring)) return false;
-    uint64_t count = head_count(b->head), live = shmtf_ring_live(b->ring.log2), first = info_base(info, count);
+    uint64_t count = head_count(b->head), live = shmtf_ring_live(b->ring.log2), first = info_base(search_base(search), count);
     if (count - first >= live) first = count - live + 1;
     if (first >= count) return false;
     b->first = first;
     b->count = count;
-    bracket_set(b, ring_guess(first, count, b->newest_ns, period, run->time));
+    bracket_set(b, ring_guess(first, count, b->newest_ns, search_period(search), run->time));
     __builtin_prefetch(b->before_head);
     __builtin_prefetch(b->before);
     __builtin_prefetch(b->after);
@@ -177,8 +177,8 @@ static uint32_t gather_at(edge_run *run, uint32_t most) {
         shmtf_pose T_parent_child;
         if ((uint32_t)load_relaxed(&p->f->gen) != c.cur.gen) break;
         if (b[n].from_newest) {
-            parent = load_relaxed(&p->newest->parent);
-            T_parent_child = ring_pose(p->newest->pose);
+            parent = edge_parent(place_edge(p));
+            T_parent_child = ring_pose(p->f->newest[p->sel].pose);
         } else if (!bracket_read(run, &b[n], &T_parent_child, &parent, &stamp)) {
             break;
         }

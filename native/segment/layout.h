@@ -80,23 +80,24 @@ typedef struct {
     shmtf_word floor; /* a miss in this bucket says nothing about commits before this version */
 } shmtf_bucket;
 
-/* A copy of a frame's newest record: what most lookups want, in the lines next to the lock that protects it. */
-typedef struct {
-    shmtf_word tag, stamp, info; /* as in the record's head */
-    shmtf_word period;           /* ns since the record before it; 0: unknown.  A hint where to search */
-    shmtf_word pose[SHMTF_POSE_WORDS];
-    shmtf_word parent;
-} shmtf_newest;
-
+/* A frame.  Beside the lock stands a copy of the newest record, which is what most lookups want: one copy for each of the
+ * two heads, so two lines of four tell the newest edge. */
 typedef struct {
     shmtf_word lock;    /* owned:1 | sel:1 | slot:10 | txn:52 -- the writer flag; free words keep their last owner */
-    shmtf_word head[2]; /* indexed:1 | big:1 | flips:14 | count:48; lock.sel names the one in force */
     shmtf_word gen;     /* times bound, doubled; odd while a name is being bound */
+    shmtf_word newest_tag[2];   /* as in the record's head; 0: the ring is empty */
+    shmtf_word newest_stamp[2];
+    shmtf_word newest_edge[2];  /* flags:4 | kind:4 | parent:56 */
+    struct {
+        shmtf_word pose[SHMTF_POSE_WORDS];
+        shmtf_word pad;
+    } newest[2];
+    shmtf_word head[2]; /* indexed:1 | big:1 | flips:14 | count:48; lock.sel names the one in force */
+    shmtf_word newest_search[2]; /* period:40 | base:24; period: ns since the record before, 0: unknown, a hint */
     shmtf_word ring;    /* offset in the arena | used:1 (bit 5) | log2:5; of the big ring, fixed while a head is about it */
     shmtf_word floor;   /* this life began after this version */
     shmtf_word want;    /* a waiting writer's lock word, or 0: others give way */
     shmtf_word first;   /* no life of this frame began before this version; 0: it was never bound */
-    shmtf_newest newest[2]; /* of each head; tag 0: the ring is empty */
 } shmtf_frame_words_t;
 
 typedef struct {
@@ -128,9 +129,8 @@ _Static_assert(sizeof(shmtf_global) == 128 && offsetof(shmtf_global, topology) =
 _Static_assert(sizeof(shmtf_writer) == 192 && offsetof(shmtf_writer, pid) == 64, "writer");
 _Static_assert(sizeof(shmtf_authority) == 128, "authority");
 _Static_assert(sizeof(shmtf_bucket) == 64 && offsetof(shmtf_bucket, floor) == 56, "bucket");
-_Static_assert(sizeof(shmtf_newest) == 96 && offsetof(shmtf_newest, pose) == 32, "newest record");
-_Static_assert(sizeof(shmtf_frame_words_t) == 256 && offsetof(shmtf_frame_words_t, gen) == 24, "frame");
-_Static_assert(offsetof(shmtf_frame_words_t, newest) == 64, "a frame's words fill a line");
+_Static_assert(sizeof(shmtf_frame_words_t) == 256, "frame");
+_Static_assert(offsetof(shmtf_frame_words_t, newest) == 64 && offsetof(shmtf_frame_words_t, head) == 192, "a frame's lines");
 _Static_assert(sizeof(shmtf_name_t) == 128, "name");
 _Static_assert(sizeof(shmtf_record_head) == 32 && offsetof(shmtf_record_head, info) == 24, "record head");
 _Static_assert(sizeof(shmtf_record_body) == 64 && offsetof(shmtf_record_body, parent) == 56, "record body");

@@ -253,18 +253,19 @@ static void stepped(int thread) {
 
 /* Beside the lock stands what the ring says. */
 static void check_copy(uint32_t id, uint64_t lock, uint64_t head) {
-    shmtf_newest *copy = &xs.s.frames[id].newest[lock_sel(lock)];
+    shmtf_frame_words_t *f = &xs.s.frames[id];
+    unsigned sel = lock_sel(lock);
     ring_ref r = {NULL, NULL, NULL, 0};
     ring_record newest;
-    if (!head_count(head)) return expect(atomic_load(&copy->tag), 0, "the copy of no record");
+    if (!head_count(head)) return expect(atomic_load(&f->newest_tag[sel]), 0, "the copy of no record");
     if (!ring_bind(&xs.s, id, head, &r)) fail("the ring of a frame", id, 0);
     uint64_t slot = ring_slot(&r, head, head_count(head));
     ring_copy(&r.heads[slot], &r.bodies[slot], &newest);
-    expect(atomic_load(&copy->tag), atomic_load(&r.heads[slot].tag), "the version in the copy of the newest record");
-    expect(atomic_load(&copy->stamp), (uint64_t)newest.stamp, "the stamp in the copy of the newest record");
-    expect(atomic_load(&copy->info), newest.info, "the kind in the copy of the newest record");
-    expect(atomic_load(&copy->parent), newest.parent, "the parent in the copy of the newest record");
-    expect((uint64_t)(int64_t)load_double(&copy->pose[0]), (uint64_t)(int64_t)newest.pose.x, "the value in the copy of the newest record");
+    expect(atomic_load(&f->newest_tag[sel]), atomic_load(&r.heads[slot].tag), "the version in the copy of the newest record");
+    expect(atomic_load(&f->newest_stamp[sel]), (uint64_t)newest.stamp, "the stamp in the copy of the newest record");
+    expect(atomic_load(&f->newest_edge[sel]), edge_make(newest.parent, info_kind(newest.info), info_flags(newest.info)), "the edge in the copy");
+    expect(search_base(atomic_load(&f->newest_search[sel])), newest.info & 0xffffff, "the base in the copy of the newest record");
+    expect((uint64_t)(int64_t)load_double(&f->newest[sel].pose[0]), (uint64_t)(int64_t)newest.pose.x, "the value in the copy of the newest record");
 }
 
 static void check_ring(uint32_t id) {
@@ -317,9 +318,7 @@ static bool is_point(const void *word) {
     const shmtf_geometry *g = &xs.s.geo;
     if (at_byte >= g->off_frames && at_byte < g->off_names) {
         size_t in = (at_byte - g->off_frames) % sizeof(shmtf_frame_words_t);
-        if (in < offsetof(shmtf_frame_words_t, newest)) return true;
-        in = (in - offsetof(shmtf_frame_words_t, newest)) % sizeof(shmtf_newest);
-        return in < offsetof(shmtf_newest, period) || in == offsetof(shmtf_newest, pose) || in == offsetof(shmtf_newest, parent);
+        return in < offsetof(shmtf_frame_words_t, newest) || in >= offsetof(shmtf_frame_words_t, head) || in % 64 == 0; /* pose: x */
     }
     if (at_byte >= g->off_inline && at_byte < g->off_chunks) {
         size_t in = (at_byte - g->off_inline) % sizeof(shmtf_inline_ring);
