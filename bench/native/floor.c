@@ -42,13 +42,18 @@ bool floor_make(floor_tree *f, uint32_t n_frames, unsigned log2, int64_t period_
     f->rings = (unsigned char *)f->base + lines;
     f->slot = (1ull << log2) / 2;
     for (uint32_t i = 0; i < n_frames; i++) {
-        store_relaxed(&f->frames[i].head[0], f->slot + 1);
+        shmtf_frame_words_t *frame = &f->frames[i];
+        store_relaxed(&frame->head[0], f->slot + 1);
         for (uint64_t k = 0; k < 1ull << log2; k++) {
             int64_t stamp = (int64_t)((k - f->slot - 1) & ((1ull << log2) - 1)) * period_ns;
             shmtf_pose p = bench_pose(i, stamp);
             store_record(&heads_of(f, i)[k], &bodies_of(f, i)[k], stamp, &p, i ? i - 1 : 0);
             store_relaxed(&heads_of(f, i)[k].tag, 1);
         }
+        const shmtf_record_body *newest = &bodies_of(f, i)[f->slot];
+        for (int k = 0; k < SHMTF_POSE_WORDS; k++) store_relaxed(&frame->newest[0].pose[k], load_relaxed(&newest->pose[k]));
+        store_relaxed(&frame->newest_edge[0], load_relaxed(&newest->parent));
+        store_relaxed(&frame->newest_tag[0], 1);
     }
     return true;
 }
@@ -58,16 +63,10 @@ void floor_free(floor_tree *f) {
     f->base = NULL;
 }
 
-static inline void load_pose(const shmtf_record_body *b, shmtf_pose *p) {
-    *p = (shmtf_pose){load_double(&b->pose[0]), load_double(&b->pose[1]), load_double(&b->pose[2]), load_double(&b->pose[3]),
-                      load_double(&b->pose[4]), load_double(&b->pose[5]), load_double(&b->pose[6])};
-}
-
 void floor_compose(const floor_tree *f, uint32_t first, uint32_t n, shmtf_pose *out) {
-    shmtf_pose sum, p;
-    load_pose(&bodies_of(f, first + n)[f->slot], &sum);
+    shmtf_pose sum = ring_pose(f->frames[first + n].newest[0].pose), p;
     for (uint32_t i = first + n - 1; i > first; i--) {
-        load_pose(&bodies_of(f, i)[f->slot], &p);
+        p = ring_pose(f->frames[i].newest[0].pose);
         sum = pose_compose(&p, &sum);
     }
     *out = sum;
@@ -76,10 +75,9 @@ void floor_compose(const floor_tree *f, uint32_t first, uint32_t n, shmtf_pose *
 void floor_walk(const floor_tree *f, uint32_t first, uint32_t n, shmtf_pose *out) {
     shmtf_pose sum = pose_identity(), p;
     for (uint32_t i = first + n; i != first;) {
-        const shmtf_record_body *b = &bodies_of(f, i)[f->slot];
-        load_pose(b, &p);
+        p = ring_pose(f->frames[i].newest[0].pose);
         sum = pose_compose(&p, &sum);
-        i = (uint32_t)load_relaxed(&b->parent);
+        i = (uint32_t)load_relaxed(&f->frames[i].newest_edge[0]);
     }
     *out = sum;
 }
@@ -87,15 +85,14 @@ void floor_walk(const floor_tree *f, uint32_t first, uint32_t n, shmtf_pose *out
 void floor_walk_seqlock(const floor_tree *f, uint32_t first, uint32_t n, shmtf_pose *out) {
     shmtf_pose sum = pose_identity(), p;
     for (uint32_t i = first + n; i != first;) {
-        const shmtf_record_head *h = &heads_of(f, i)[f->slot];
-        const shmtf_record_body *b = &bodies_of(f, i)[f->slot];
+        const shmtf_frame_words_t *frame = &f->frames[i];
         uint64_t tag, parent;
         do {
-            tag = load_acquire(&h->tag);
-            load_pose(b, &p);
-            parent = load_relaxed(&b->parent);
+            tag = load_acquire(&frame->newest_tag[0]);
+            p = ring_pose(frame->newest[0].pose);
+            parent = load_relaxed(&frame->newest_edge[0]);
             fence_acquire();
-        } while (load_relaxed(&h->tag) != tag);
+        } while (load_relaxed(&frame->newest_tag[0]) != tag);
         sum = pose_compose(&p, &sum);
         i = (uint32_t)parent;
     }
@@ -115,8 +112,8 @@ void floor_interpolate(const floor_tree *f, uint32_t first, uint32_t n, uint32_t
             t1 = load_acquire(&h[after].tag);
             s0 = (int64_t)load_relaxed(&h[before].stamp);
             s1 = (int64_t)load_relaxed(&h[after].stamp);
-            load_pose(&bodies[before], &a);
-            load_pose(&bodies[after], &b);
+            a = ring_pose(bodies[before].pose);
+            b = ring_pose(bodies[after].pose);
             parent = load_relaxed(&bodies[before].parent);
             fence_acquire();
         } while (load_relaxed(&h[before].tag) != t0 || load_relaxed(&h[after].tag) != t1);

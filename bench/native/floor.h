@@ -11,7 +11,7 @@
 #include "core/ring.h"
 
 typedef struct {
-    shmtf_frame_words_t *frames; /* a line per frame; only the lock word and the count in head[0] are used */
+    shmtf_frame_words_t *frames; /* lock, the count in head[0], and one copy of the newest record, which writes leave as it is */
     unsigned char *rings;
     size_t ring_stride, size_bytes;
     void *base;
@@ -25,7 +25,7 @@ typedef struct {
 bool floor_make(floor_tree *f, uint32_t n_frames, unsigned log2, int64_t period_ns);
 void floor_free(floor_tree *f);
 
-/* Compose the n edges above frame `first + n`, up to frame `first`. */
+/* Compose the newest records, beside the locks, of the n edges above frame `first + n`, up to frame `first`. */
 void floor_compose(const floor_tree *f, uint32_t first, uint32_t n, shmtf_pose *out);         /* by index */
 void floor_walk(const floor_tree *f, uint32_t first, uint32_t n, shmtf_pose *out);            /* by parent words */
 void floor_walk_seqlock(const floor_tree *f, uint32_t first, uint32_t n, shmtf_pose *out);    /* and tags, rechecked */

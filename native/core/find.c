@@ -30,16 +30,15 @@ find_status find_key(finder *f, const shmtf_ref *ref, name_key *key) {
     return f->what ? FIND_BAD_NAME : FIND_OK;
 }
 
-static bool seems_alive(const txn *x, const name_key *key, shmtf_frame *frame) {
+static bool seems_alive(const txn *x, shmtf_frame frame) {
     ring_place p;
-    return names_guess(x->s, key, frame) && ring_newest_place(x->s, frame->id, commit_version(x->snapshot), &p) &&
-           edge_kind(place_edge(&p)) != KIND_REMOVED;
+    return ring_newest_place(x->s, frame.id, commit_version(x->snapshot), &p) && edge_kind(place_edge(&p)) != KIND_REMOVED;
 }
 
 /* Name to handle, if the frame exists.  A name that nobody has must be a good one. */
-static find_status find(finder *f, shmtf_ref *ref, const name_key *key) {
+static find_status find(finder *f, shmtf_ref *ref, const name_key *key, uint64_t hint) {
     const txn *x = f->x;
-    if (!f->careful && seems_alive(x, key, &ref->frame)) return FIND_OK;
+    if (!f->careful && names_leads(x->s, hint, key, &ref->frame) && seems_alive(x, ref->frame)) return FIND_OK;
     ring_status st = names_find(x->s, x->snapshot, key, &ref->frame);
     if (st == RING_OK) return FIND_OK;
     ref->frame = (shmtf_frame){0, 0};
@@ -53,12 +52,13 @@ find_status find_name(finder *f, shmtf_ref *ref) {
     name_key key;
     if (is_known(f->x, ref)) return FIND_OK;
     find_status st = find_key(f, ref, &key);
-    return st == FIND_OK ? find(f, ref, &key) : st;
+    return st == FIND_OK ? find(f, ref, &key, names_hint(f->x->s, &key)) : st;
 }
 
 /* The item whose child is the parent of item i, if it is a neighbour: chains are given link by link. */
 static const shmtf_ref *neighbour(const shmtf_transform *items, size_t n, size_t i) {
     const shmtf_ref *parent = &items[i].parent;
+    if (i + 1 < n && parent->name && items[i + 1].child.name == parent->name) return &items[i + 1].child;
     if (i && find_same_name(&items[i - 1].child, parent)) return &items[i - 1].child;
     if (i + 1 < n && find_same_name(&items[i + 1].child, parent)) return &items[i + 1].child;
     return NULL;
@@ -68,15 +68,16 @@ static const shmtf_ref *neighbour(const shmtf_transform *items, size_t n, size_t
 enum { AT_ONCE = 32 };
 typedef struct {
     name_key key[AT_ONCE];
+    uint64_t hint[AT_ONCE];
     shmtf_ref *ref[AT_ONCE];
     size_t item[AT_ONCE], n;
 } find_batch;
 
 static find_status find_together(finder *f, find_batch *b) {
-    for (size_t i = 0; i < b->n; i++) names_announce(f->x->s, &b->key[i]);
+    for (size_t i = 0; i < b->n; i++) b->hint[i] = names_hint(f->x->s, &b->key[i]);
     for (size_t i = 0; i < b->n; i++) {
         f->item = b->item[i];
-        find_status st = find(f, b->ref[i], &b->key[i]);
+        find_status st = find(f, b->ref[i], &b->key[i], b->hint[i]);
         if (st != FIND_OK) return st;
     }
     b->n = 0;
@@ -87,7 +88,7 @@ static find_status find_later(finder *f, shmtf_ref *ref, find_batch *b) {
     if (is_known(f->x, ref)) return FIND_OK;
     find_status st = find_key(f, ref, &b->key[b->n]);
     if (st != FIND_OK) return st;
-    names_announce_bucket(f->x->s, &b->key[b->n]);
+    names_ask(f->x->s, &b->key[b->n]);
     b->ref[b->n] = ref;
     b->item[b->n++] = f->item;
     return b->n == AT_ONCE ? find_together(f, b) : FIND_OK;

@@ -115,17 +115,25 @@ bool names_guess(const shmtf_segment *s, const name_key *key, shmtf_frame *out) 
     return false;
 }
 
-void names_announce_bucket(const shmtf_segment *s, const name_key *key) { __builtin_prefetch(bucket_of(s, key->hash, 0)); }
+void names_ask(const shmtf_segment *s, const name_key *key) { __builtin_prefetch(bucket_of(s, key->hash, 0)); }
 
-void names_announce(const shmtf_segment *s, const name_key *key) {
+uint64_t names_hint(const shmtf_segment *s, const name_key *key) {
     const shmtf_bucket *bucket = bucket_of(s, key->hash, 0);
     for (int i = 0; i < SHMTF_BUCKET_HINTS; i++) {
-        uint64_t hint = load_relaxed(&bucket->hint[i]);
+        uint64_t hint = load_acquire(&bucket->hint[i]); /* [E8 acquire] */
         if (!hint || (hint ^ key->hash) >> 48 || hint_id(hint) > s->geo.max_frames) continue;
         __builtin_prefetch(&s->names[hint_id(hint)]);
         __builtin_prefetch(&s->frames[hint_id(hint)]);
-        return;
+        return hint;
     }
+    return 0;
+}
+
+bool names_leads(const shmtf_segment *s, uint64_t hint, const name_key *key, shmtf_frame *out) {
+    uint64_t gen;
+    if (!hint_matches(s, hint, key, &gen)) return false;
+    *out = (shmtf_frame){hint_id(hint), (uint32_t)gen};
+    return true;
 }
 
 bool names_find_bound_by(const shmtf_segment *s, const name_key *key, uint64_t own_tag, shmtf_frame *out) {

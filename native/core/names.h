@@ -43,9 +43,11 @@ ring_status names_find(const shmtf_segment *s, uint64_t snapshot, const name_key
  * asks names_find if it has none. */
 bool names_guess(const shmtf_segment *s, const name_key *key, shmtf_frame *out);
 
-/* Ask for the lines that a search for this name will read: first the bucket's; later, for the frame's that it names. */
-void names_announce_bucket(const shmtf_segment *s, const name_key *key);
-void names_announce(const shmtf_segment *s, const name_key *key);
+/* A search in steps, so that several may wait for memory together: ask for the bucket; the hint in it that most likely
+ * leads to the name, or 0, asking for its frame; and whether it does. */
+void names_ask(const shmtf_segment *s, const name_key *key);
+uint64_t names_hint(const shmtf_segment *s, const name_key *key);
+bool names_leads(const shmtf_segment *s, uint64_t hint, const name_key *key, shmtf_frame *out);
 
 /* Among frames locked with `lock_tag`, the one being bound to this name; false if there is none. */
 bool names_find_bound_by(const shmtf_segment *s, const name_key *key, uint64_t own_tag, shmtf_frame *out);

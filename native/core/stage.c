@@ -98,19 +98,15 @@ static void announce(const txn *x, const uint32_t *id, size_t n) {
     for (size_t i = 0; i < n; i++) ring_announce_write(x->s, id[i]);
 }
 
-static bool is_self(const shmtf_ref *parent, const shmtf_ref *child) {
-    if (!child->frame.gen) return find_same_name(child, parent);
-    return child->frame.id == parent->frame.id && child->frame.gen == parent->frame.gen;
-}
-
-/* The frames to lock, for what has a handle. */
-static stage_status list_children(stage *g, size_t *n, bool *all) {
+/* The frames to lock, for what has a handle.  named: what has none now has no frame. */
+static stage_status list_children(stage *g, bool named, size_t *n, bool *all) {
     const uint64_t max_frames = g->x->s->geo.max_frames;
     *n = 0;
     *all = true;
     for (g->item = 0; g->item < g->n; g->item++) {
         const shmtf_ref *child = &g->items[g->item].child, *parent = &g->items[g->item].parent;
-        if (is_self(parent, child)) return STAGE_SELF;
+        if (child->frame.gen && child->frame.id == parent->frame.id && child->frame.gen == parent->frame.gen) return STAGE_SELF;
+        if (named && !child->frame.gen && find_same_name(child, parent)) return STAGE_SELF;
         *all &= child->frame.gen && parent->frame.gen && child->frame.id - 1ull < max_frames && parent->frame.id - 1ull < max_frames;
         if (child->frame.gen) g->order[(*n)++] = child->frame.id;
     }
@@ -121,14 +117,14 @@ static stage_status list_children(stage *g, size_t *n, bool *all) {
 static stage_status lock_children(stage *g) {
     size_t n;
     bool all;
-    stage_status st = list_children(g, &n, &all);
+    stage_status st = list_children(g, false, &n, &all);
     if (st != STAGE_OK) return st;
     if (!all) {
         g->names.x = g->x;
         find_status found = find_names(&g->names, g->items, g->n);
         g->item = g->names.item;
         st = from_find(g, found);
-        if (st == STAGE_OK) st = list_children(g, &n, &all);
+        if (st == STAGE_OK) st = list_children(g, true, &n, &all);
         if (st != STAGE_OK) return st;
     }
     g->has_unborn = !all;
