@@ -119,6 +119,7 @@ static inline bool bracket_find(const edge_run *run, const edge_rule *rule, uint
     b->count = count;
     bracket_set(b, ring_guess(first, count, b->newest_ns, search_period(search), run->time));
     __builtin_prefetch(b->before_head);
+    __builtin_prefetch(b->before_head + 2); /* the record after, and the one behind that */
     __builtin_prefetch(b->before);
     __builtin_prefetch(b->after);
     return true;
