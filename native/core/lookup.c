@@ -192,6 +192,24 @@ static void hint_depths(lookup *l, shmtf_frame frame, uint32_t length) {
     }
 }
 
+/* The hint for a frame's depth; where there is none, from the first frame above that has one, or from the root.  0: the
+ * frame cannot be climbed from. */
+static uint32_t depth_of(lookup *l, shmtf_frame frame) {
+    const uint64_t max_frames = l->s->geo.max_frames;
+    uint32_t known = 0, length = 0;
+    for (shmtf_frame f = frame; length <= max_frames; length++) {
+        ring_record r;
+        if (f.id && f.id <= max_frames && (known = hint_get(&l->depth[f.id]))) break;
+        tree_step step = tree_step_latest(l->s, l->snapshot, &l->clears, f, &r);
+        if (step == STEP_ROOT) known = 1;
+        if (step != STEP_EDGE) break;
+        f = parent_frame(r.parent);
+    }
+    if (!known || length + (uint64_t)known > UINT32_MAX) return 0;
+    if (length) hint_depths(l, frame, length + known - 1);
+    return length + known;
+}
+
 static chain chain_from(shmtf_frame frame, uint32_t depth) {
     chain c = {.cur = frame, .depth = depth, .end = LOOKUP_OK};
     c.pose = pose_identity();
@@ -260,7 +278,7 @@ lookup_status lookup_run(lookup *l) {
     /* Frames above are reached through records of S, so their life began before S; the ends came from outside. */
     if (load_relaxed(&l->s->frames[l->source.id].floor) > commit_version(l->snapshot))
         return names_unborn_at(&l->s->frames[l->source.id], l->snapshot) ? LOOKUP_NO_SOURCE : LOOKUP_OLD;
-    uint32_t da = hint_get(&l->depth[l->source.id]), db = hint_get(&l->depth[l->target.id]);
+    uint32_t da = depth_of(l, l->source), db = depth_of(l, l->target);
     if (da && db) {
         chain a = chain_from(l->source, da), b = chain_from(l->target, db);
         lookup_status st = climb(l, &a, &b);

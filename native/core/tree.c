@@ -35,6 +35,7 @@ static uint64_t parent_above(const shmtf_segment *s, uint64_t commit, const tree
         *step = STEP_EDGE;
         return overlay->parent[overlay->entry[frame.id] - 1];
     }
+    if (overlay->closed) return 0;
     ring_record r;
     *step = tree_step_latest(s, commit, c, frame, &r);
     return *step == STEP_EDGE ? r.parent : 0;

@@ -63,6 +63,7 @@ static inline tree_step tree_step_latest(const shmtf_segment *s, uint64_t snapsh
 typedef struct {
     const uint32_t *entry;      /* per frame id: 0, or 1 + index of the transaction's entry for it */
     const uint64_t *parent;     /* per entry: its newest parent once this commits, as in a record; 0: none */
+    bool closed; /* no frame that existed before gets another parent: a cycle would lie within the transaction's frames */
 } tree_overlay;
 
 /* Would the tree have a cycle above the frame `start`, with the overlay in force over the newest records at `commit`?

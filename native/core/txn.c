@@ -205,8 +205,9 @@ txn_status txn_put_mark(txn *x, txn_entry *e, record_kind kind, uint64_t flags, 
 }
 
 txn_status txn_check_cycles(txn *x, uint32_t *cyclic, bool *found) {
-    tree_overlay overlay = {x->entry_of, x->parents};
+    tree_overlay overlay = {x->entry_of, x->parents, true};
     *found = false;
+    for (size_t i = 0; i < x->n; i++) overlay.closed &= x->entries[i].born || !x->entries[i].reshapes;
     if (x->climbs > UINT32_MAX - 2 - x->n) { /* the marks' numbers are used up: start over */
         memset(x->mark, 0, (x->s->geo.max_frames + 1) * sizeof *x->mark);
         x->climbs = 0;
