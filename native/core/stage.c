@@ -53,13 +53,17 @@ static stage_status stale(stage *g, shmtf_ref *ref) {
     return STAGE_RETRY;
 }
 
+static void swap(uint32_t *a, uint32_t *b) {
+    uint32_t t = *a;
+    *a = *b;
+    *b = t;
+}
+
 static void sift(uint32_t *a, size_t at, size_t n) {
     for (size_t child; (child = 2 * at + 1) < n; at = child) {
         if (child + 1 < n && a[child + 1] > a[child]) child++;
         if (a[at] >= a[child]) return;
-        uint32_t t = a[at];
-        a[at] = a[child];
-        a[child] = t;
+        swap(&a[at], &a[child]);
     }
 }
 
@@ -67,6 +71,12 @@ static void sort_ids(uint32_t *a, size_t n) {
     size_t sorted = 1;
     while (sorted < n && a[sorted - 1] <= a[sorted]) sorted++;
     if (sorted >= n) return;
+    size_t falling = 1; /* chains are often given from the leaf to the root */
+    while (falling < n && a[falling - 1] >= a[falling]) falling++;
+    if (falling == n) {
+        for (size_t i = 0, k = n - 1; i < k; i++, k--) swap(&a[i], &a[k]);
+        return;
+    }
     if (n <= 32) {
         for (size_t i = 1; i < n; i++) {
             uint32_t v = a[i];
@@ -78,9 +88,7 @@ static void sort_ids(uint32_t *a, size_t n) {
     }
     for (size_t i = n / 2; i-- > 0;) sift(a, i, n);
     for (size_t i = n - 1; i > 0; i--) {
-        uint32_t t = a[0];
-        a[0] = a[i];
-        a[i] = t;
+        swap(&a[0], &a[i]);
         sift(a, 0, i);
     }
 }
