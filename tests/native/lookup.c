@@ -176,6 +176,28 @@ static void check_removal(void) {
     end();
 }
 
+/* A handle of an ended life finds nothing in the records of the next one. */
+static void check_ended_life(void) {
+    shmtf_frame old, other;
+    begin(2, 8, -1);
+    for (int t = 1; t <= 4; t++) NEED(write_one(&wr, edge_at("a", "b", t, t)) == STAGE_OK);
+    NEED(find_frame(&w, now_of(&w), "b", &old) == RING_OK);
+    NEED(remove_named(&wr, "b") == STAGE_OK);
+    for (int t = 1; t <= 4; t++) NEED(write_one(&wr, edge_at("a", "c", t, t)) == STAGE_OK);
+    NEED(find_frame(&w, now_of(&w), "c", &other) == RING_OK);
+    EQUAL(other.id, old.id);
+    const tree_clears clears = {0, 0};
+    for (int at_time = 0; at_time < 2; at_time++) {
+        edge_run run = {.s = &w.s, .snapshot = now_of(&w), .clears = &clears, .above = w.above, .at_time = at_time, .time = 2};
+        run.chain = (edge_chain){.cur = old};
+        EQUAL(run_edges(&run, 1), 0);
+        run.chain = (edge_chain){.cur = other};
+        EQUAL(run_edges(&run, 1), 1);
+        CHECK(run.chain.pose.x == (at_time ? 2 : 4));
+    }
+    end();
+}
+
 static void check_clear(void) {
     lookup l;
     for (int keep = 0; keep < 2; keep++) {
@@ -266,6 +288,7 @@ int main(void) {
     check_forests();
     check_long();
     check_removal();
+    check_ended_life();
     check_clear();
     check_times();
     check_loop();

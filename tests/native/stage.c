@@ -191,7 +191,28 @@ static void check_kinds(void) {
     end();
 }
 
+/* Several records of one frame in a batch: the newest counts, whichever way it was staged. */
+static void check_several_records(void) {
+    lookup l;
+    begin(8);
+    for (int i = 1; i <= 3; i++) NEED(write_one(&wr, edge_at("r", "a", i, 1)) == STAGE_OK);
+    NEED(write_one(&wr, edge_at("r", "b", 1, 50)) == STAGE_OK);
+    NEED(write_one(&wr, edge_at("r", "a", 4, 1)) == STAGE_OK);
+    EQUAL(write_all(&wr, BATCH(edge_at("r", "a", 10, 2), edge_at("b", "a", 11, 3)), 2), STAGE_OK);
+    EQUAL(look_up(&w, now_of(&w), "r", "a", NULL, &l), LOOKUP_OK);
+    CHECK(l.pose.x == 53 && l.newest == 11);
+    NEED(write_one(&wr, edge_at("b", "a", 12, 4)) == STAGE_OK);
+    EQUAL(write_all(&wr, BATCH(edge_at("b", "a", 20, 5), edge_at("b", "a", 15, 6)), 2), STAGE_OK);
+    EQUAL(look_up(&w, now_of(&w), "b", "a", NULL, &l), LOOKUP_OK);
+    CHECK(l.pose.x == 5 && l.newest == 20);
+    NEED(write_one(&wr, edge_at("b", "a", 21, 7)) == STAGE_OK); /* behind a late stamp */
+    EQUAL(look_up(&w, now_of(&w), "b", "a", NULL, &l), LOOKUP_OK);
+    CHECK(l.pose.x == 7 && l.newest == 21);
+    end();
+}
+
 int main(void) {
+    check_several_records();
     check_refusals();
     check_swaps();
     check_reused_parent();
