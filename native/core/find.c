@@ -55,13 +55,19 @@ find_status find_name(finder *f, shmtf_ref *ref) {
     return st == FIND_OK ? find(f, ref, &key, names_hint(f->x->s, &key)) : st;
 }
 
-/* The item whose child is the parent of item i, if it is a neighbour: chains are given link by link. */
-static const shmtf_ref *neighbour(const shmtf_transform *items, size_t n, size_t i) {
-    const shmtf_ref *parent = &items[i].parent;
-    if (i + 1 < n && parent->name && items[i + 1].child.name == parent->name) return &items[i + 1].child;
-    if (i && find_same_name(&items[i - 1].child, parent)) return &items[i - 1].child;
-    if (i + 1 < n && find_same_name(&items[i + 1].child, parent)) return &items[i + 1].child;
-    return NULL;
+/* A parent that is the child of the item before or behind: chains are given link by link.  It is marked, and gets that
+ * child's handle in the end.  Where the child came with a handle, the handle counts, and its name says nothing. */
+static const uint32_t AS_BEFORE = UINT32_MAX, AS_BEHIND = UINT32_MAX - 1;
+static bool is_marked(const shmtf_frame *parent) { return !parent->gen && parent->id >= AS_BEHIND; }
+
+static bool mark_neighbour(const txn *x, shmtf_transform *items, size_t n, size_t i) {
+    shmtf_ref *parent = &items[i].parent;
+    const shmtf_ref *before = i ? &items[i - 1].child : NULL, *behind = i + 1 < n ? &items[i + 1].child : NULL;
+    if (is_known(x, parent)) return false;
+    if (is_marked(&parent->frame)) parent->frame = (shmtf_frame){0, 0}; /* the caller's */
+    if (before && !is_known(x, before) && find_same_name(before, parent)) parent->frame = (shmtf_frame){AS_BEFORE, 0};
+    else if (behind && !is_known(x, behind) && find_same_name(behind, parent)) parent->frame = (shmtf_frame){AS_BEHIND, 0};
+    return is_marked(&parent->frame);
 }
 
 /* Names that are looked up side by side, so that their cache misses overlap. */
@@ -96,20 +102,20 @@ static find_status find_later(finder *f, shmtf_ref *ref, find_batch *b) {
 
 find_status find_names(finder *f, shmtf_transform *items, size_t n) {
     find_batch b;
+    find_status st = FIND_OK;
     b.n = 0;
-    for (size_t i = 0; i < n; i++) {
-        f->item = i;
-        find_status st = find_later(f, &items[i].child, &b);
-        if (st == FIND_OK && !neighbour(items, n, i)) {
-            f->item = i;
-            st = find_later(f, &items[i].parent, &b);
-        }
-        if (st != FIND_OK) return st;
-    }
-    find_status st = find_together(f, &b);
     for (size_t i = 0; i < n && st == FIND_OK; i++) {
-        const shmtf_ref *other = is_known(f->x, &items[i].parent) ? NULL : neighbour(items, n, i);
-        if (other) items[i].parent.frame = other->frame;
+        bool marked = mark_neighbour(f->x, items, n, i);
+        f->item = i;
+        st = find_later(f, &items[i].child, &b);
+        if (st != FIND_OK || marked) continue;
+        f->item = i;
+        st = find_later(f, &items[i].parent, &b);
+    }
+    if (st == FIND_OK) st = find_together(f, &b);
+    for (size_t i = 0; i < n; i++) {
+        shmtf_frame *parent = &items[i].parent.frame;
+        if (is_marked(parent)) *parent = st == FIND_OK ? items[parent->id == AS_BEFORE ? i - 1 : i + 1].child.frame : (shmtf_frame){0, 0};
     }
     return st;
 }

@@ -72,10 +72,10 @@ static inline void use_edge(lookup *l, chain *c, bool from_source, const ring_re
 }
 
 /* Up to `steps` edges in a row; false: the next edge needs the general way. */
-static bool run_up(lookup *l, chain *c, bool from_source, uint32_t steps) {
+static bool run_up(lookup *l, chain *c, const chain *other, bool from_source, uint32_t steps) {
     edge_run run; /* not zeroed: most of it is written as the run goes */
     uint32_t most = steps < RUN_MOST ? steps : RUN_MOST;
-    bool room = l->edges && c->n + most <= l->max_edges;
+    uint32_t used = c->n + other->n, room = l->edges && used < l->max_edges ? l->max_edges - used : 0;
     run.s = l->s;
     run.snapshot = l->snapshot;
     run.clears = &l->clears;
@@ -86,7 +86,7 @@ static bool run_up(lookup *l, chain *c, bool from_source, uint32_t steps) {
     run.chain = (edge_chain){.cur = c->cur, .last = c->last, .pose = c->pose, .has_pose = c->n != 0,
                              .oldest = l->oldest, .newest = l->newest, .n_dynamic = l->n_dynamic,
                              .edge = room ? l->edges + (from_source ? c->n : l->max_edges - 1 - c->n) : NULL,
-                             .stride = from_source ? 1 : -1};
+                             .room = room, .stride = from_source ? 1 : -1};
     uint32_t n = run_edges(&run, most);
     if (!n) return false;
     c->pose = run.chain.pose;
@@ -101,9 +101,9 @@ static bool run_up(lookup *l, chain *c, bool from_source, uint32_t steps) {
 }
 
 /* How far the deeper chain is above the other, or how far both are below where they should meet. */
-static uint32_t steps_up(const lookup *l, const chain *c, const chain *other) {
+static uint32_t steps_up(const lookup *l, const chain *c, const chain *other, bool measured) {
     if (c->depth > other->depth) return c->depth - other->depth;
-    return c->depth == other->depth && !other->ended ? run_meeting(l->s, l->above, c->cur.id, other->cur.id) : 1;
+    return !measured && c->depth == other->depth && !other->ended ? run_meeting(l->s, l->above, c->cur.id, other->cur.id) : 1;
 }
 
 static inline bool same(shmtf_frame a, shmtf_frame b) { return a.id == b.id && a.gen == b.gen; }
@@ -123,7 +123,7 @@ static tree_step existence(const lookup *l, shmtf_frame frame) {
 }
 
 /* Climb both chains, the deeper first, until they meet or both end. */
-static lookup_status climb(lookup *l, chain *a, chain *b) {
+static lookup_status climb(lookup *l, chain *a, chain *b, bool measured) {
     uint64_t limit = 2 * l->s->geo.max_frames + 2;
     l->n_dynamic = 0;
     l->oldest = INT64_MAX;
@@ -134,7 +134,7 @@ static lookup_status climb(lookup *l, chain *a, chain *b) {
         if (c->ended) return LOOKUP_DISCONNECTED;
         if (a->n + b->n > limit) return LOOKUP_LOOP;
         const chain *other = up_a ? b : a;
-        if (run_up(l, c, up_a, steps_up(l, c, other))) continue;
+        if (run_up(l, c, other, up_a, steps_up(l, c, other, measured))) continue;
         ring_record r;
         tree_step step;
         lookup_status st = step_up(l, c->cur, &r, &step);
@@ -256,7 +256,7 @@ static lookup_status run_measured(lookup *l) {
     hint_depths(l, l->target, nb);
     a = chain_from(l->source, na);
     b = chain_from(l->target, nb);
-    st = climb(l, &a, &b);
+    st = climb(l, &a, &b, true);
     return st == LOOKUP_OK ? finish(l, &a, &b) : st;
 }
 
@@ -281,7 +281,7 @@ lookup_status lookup_run(lookup *l) {
     uint32_t da = depth_of(l, l->source), db = depth_of(l, l->target);
     if (da && db) {
         chain a = chain_from(l->source, da), b = chain_from(l->target, db);
-        lookup_status st = climb(l, &a, &b);
+        lookup_status st = climb(l, &a, &b, false);
         if (st == LOOKUP_OK) return finish(l, &a, &b);
         if (st == LOOKUP_OLD || st == LOOKUP_CORRUPT) return st;
     }

@@ -38,7 +38,8 @@ HOT_INLINE void use_stamp(edge_chain *c, int64_t stamp) {
  * waiting for the record. */
 HOT_INLINE void use_edge(edge_chain *c, local_hint *above, uint64_t parent, int64_t stamp, bool is_static,
                          const shmtf_pose *T_parent_child, bool poseless, uint32_t next) {
-    if (c->edge) {
+    if (c->room) {
+        c->room--;
         *c->edge = (shmtf_edge){parent_frame(parent), c->cur, stamp, is_static};
         c->edge += c->stride;
     }

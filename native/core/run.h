@@ -26,7 +26,8 @@ typedef struct {
     bool has_pose;
     int64_t oldest, newest; /* stamps of the dynamic records used */
     uint32_t n_dynamic;
-    shmtf_edge *edge; /* NULL, or where the next edge goes, those after it `stride` apart */
+    shmtf_edge *edge; /* where the next edge goes, those after it `stride` apart */
+    uint32_t room;    /* for that many */
     int stride;
 } edge_chain;
 

@@ -217,7 +217,7 @@ static stage_status stage_one(stage *g, shmtf_transform *t) {
     record_kind kind = info_kind(newest.info);
     if (!e->born && (kind == KIND_NONE || kind == KIND_REMOVED)) return stale(g, &t->child);
     bool counts = newest.position && tree_record_counts(&x->clears, &newest) && kind != KIND_REMOVED;
-    bool same_edge = counts && newest.parent == parent_make(t->parent.frame);
+    bool same_edge = counts && newest.version != x->own && newest.parent == parent_make(t->parent.frame);
     stage_status st = check_parent(g, t, same_edge);
     if (st == STAGE_OK) st = put(g, t, e, &newest, counts);
     return st;

@@ -63,7 +63,9 @@ static inline void store_relaxed(shmtf_word *w, uint64_t v) {
  * step, each word is. */
 static inline void store_double_pair(shmtf_word *w, const double *from) {
 #if defined(__x86_64__) && !defined(__SANITIZE_THREAD__) && !defined(SHMTF_STEPS)
-    typedef struct { double d[2]; } pair;
+    typedef struct __attribute__((may_alias)) {
+        double d[2];
+    } pair;
     typedef double vector __attribute__((vector_size(16)));
     vector v;
     __builtin_memcpy(&v, from, sizeof v);

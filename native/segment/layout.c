@@ -66,7 +66,7 @@ void shmtf_layout_bind(shmtf_segment *s, const shmtf_geometry *geo, void *base) 
     s->arena_bytes = geo->n_chunks * SHMTF_CHUNK_BYTES;
     for (unsigned log2 = 0; log2 < 32; log2++) {
         uint64_t size = shmtf_ring_bytes(log2, sizeof(shmtf_record_body));
-        s->ring_limit[log2] = size <= s->arena_bytes ? s->arena_bytes - size + 1 : 0;
+        s->ring_limit[log2] = log2 >= 3 && log2 <= SHMTF_MAX_RING_LOG2 && size <= s->arena_bytes ? s->arena_bytes - size + 1 : 0;
     }
 }
 
