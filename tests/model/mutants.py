@@ -17,7 +17,7 @@ ROOT = MODEL.parents[1]
 UNITS = ROOT / "tests" / "native"
 FLAGS = ("-std=c11", "-O1", "-w")
 WATCHDOG_S = 600
-UNIT_TESTS = ("stage", "txn", "ring", "names", "lookup", "arena")
+UNIT_TESTS = ("stage", "txn", "ring", "names", "lookup", "arena", "agree")
 RUNS = (("1", "0", "1"), ("1", "1", "2"), ("2", "0", "3"), ("2", "1", "8"))
 
 Hunk = tuple[str, str, str]  # file, what goes, what comes

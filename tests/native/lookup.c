@@ -198,6 +198,55 @@ static void check_ended_life(void) {
     end();
 }
 
+/* Hints of another time cost a second walk, never the answer. */
+static void check_stale_hints(void) {
+    lookup l;
+    begin(8, 8, -1);
+    NEED(write_one(&wr, edge_at("r", "x", 1, 1)) == STAGE_OK);
+    NEED(write_one(&wr, edge_at("r", "y", 1, 1)) == STAGE_OK);
+    NEED(write_one(&wr, edge_at("x", "a", 1, 4)) == STAGE_OK);
+    NEED(write_one(&wr, edge_at("x", "b", 1, 6)) == STAGE_OK);
+    uint64_t before = now_of(&w);
+    const int64_t t = 1;
+    EQUAL(look_up(&w, before, "b", "a", NULL, &l), LOOKUP_OK);
+    NEED(write_one(&wr, edge_at("y", "b", 2, 7)) == STAGE_OK);
+    EQUAL(look_up(&w, now_of(&w), "b", "a", NULL, &l), LOOKUP_OK);
+    for (int i = 0; i < 3; i++) {
+        EQUAL(look_up(&w, before, "b", "a", NULL, &l), LOOKUP_OK);
+        CHECK(l.pose.x == -2);
+        EQUAL(look_up(&w, before, "b", "a", &t, &l), LOOKUP_OK);
+        EQUAL(look_up(&w, now_of(&w), "b", "a", NULL, &l), LOOKUP_OK);
+        CHECK(l.pose.x == -3);
+    }
+    end();
+}
+
+/* A frame that hangs far higher than its hints say: every edge of the answer is told, if there is room for it. */
+static void check_edges_after_move(void) {
+    char above[16] = "map", below[16];
+    begin(64, 8, -1);
+    for (int i = 0; i < 40; i++) {
+        snprintf(below, sizeof below, "f%d", i);
+        NEED(write_one(&wr, edge_at(above, below, 1, 1)) == STAGE_OK);
+        memcpy(above, below, sizeof above);
+    }
+    lookup l;
+    EQUAL(look_up(&w, now_of(&w), "map", "f39", NULL, &l), LOOKUP_OK);
+    EQUAL(l.n_edges, 40);
+    NEED(write_one(&wr, edge_at("map", "f39", 2, 7)) == STAGE_OK);
+    for (uint32_t room = 0; room <= 4; room++) {
+        shmtf_edge edges[4];
+        memset(edges, 0xee, sizeof edges);
+        l = (lookup){.s = &w.s, .depth = w.depth, .above = w.above, .snapshot = now_of(&w), .edges = room ? edges : NULL, .max_edges = room};
+        NEED(find_frame(&w, now_of(&w), "map", &l.target) == RING_OK && find_frame(&w, now_of(&w), "f39", &l.source) == RING_OK);
+        hint_set(&w.depth[l.source.id], 41);
+        EQUAL(lookup_run(&l), LOOKUP_OK);
+        EQUAL(l.n_edges, 1);
+        if (room) CHECK(edges[0].child.id == l.source.id && edges[0].parent.id == l.target.id && edges[0].stamp_ns == 2);
+    }
+    end();
+}
+
 static void check_clear(void) {
     lookup l;
     for (int keep = 0; keep < 2; keep++) {
@@ -289,6 +338,8 @@ int main(void) {
     check_long();
     check_removal();
     check_ended_life();
+    check_stale_hints();
+    check_edges_after_move();
     check_clear();
     check_times();
     check_loop();

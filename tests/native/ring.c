@@ -195,6 +195,22 @@ static void run(unsigned log2, int64_t cache_ns, uint64_t count, uint64_t flips)
     world_free(&w);
 }
 
+/* Garbage where a frame's ring stands: sizes that no ring has are refused, whatever count the head claims. */
+static void check_impossible_sizes(void) {
+    world_make(&w, 8, 14, -1, 1 << 20, 4);
+    shmtf_frame_words_t *f = &w.s.frames[3];
+    for (unsigned log2 = 0; log2 < 32; log2++) {
+        ring_ref r;
+        ring_record out;
+        atomic_store(&f->ring, RING_USED | log2);
+        atomic_store(&f->head[0], HEAD_BIG | HEAD_COUNT_MASK);
+        bool valid = ring_bind(&w.s, 3, HEAD_BIG, &r);
+        CHECK(valid ? log2 >= 3 && log2 <= SHMTF_MAX_RING_LOG2 : true);
+        if (!valid) EQUAL(ring_latest(&w.s, 3, commit_make(0, 5), &out), RING_CORRUPT);
+    }
+    world_free(&w);
+}
+
 /* A late stamp at every displacement in a full ring, one ring for each. */
 static void check_displacements(void) {
     log2_now = 4;
@@ -224,6 +240,7 @@ static void check_displacements(void) {
 }
 
 int main(void) {
+    check_impossible_sizes();
     check_displacements();
     static const uint64_t counts[] = {0, (1 << 24) - 64, (1ull << 32) - 64, 1ull << 40};
     for (unsigned log2 = 3; log2 <= 6; log2++)

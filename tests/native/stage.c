@@ -175,6 +175,45 @@ static void check_handles(void) {
     end();
 }
 
+/* What a refused batch has seen counts for nothing: a parent that ended stays ended. */
+static void check_refused_parents(void) {
+    begin(8);
+    NEED(write_all(&wr, BATCH(edge_at("o", "c", 1000, 1), edge_at("r", "p", 1000, 1), edge_at("r", "z", 1000, 1)), 3) == STAGE_OK);
+    shmtf_frame ended;
+    NEED(find_frame(&w, now_of(&w), "o", &ended) == RING_OK);
+    EQUAL(remove_named(&wr, "o"), STAGE_OK);
+    shmtf_transform below = edge_at("o", "c", 1001, 1);
+    below.parent = shmtf_by_handle(ended);
+    EQUAL(write_all(&wr, &below, 1), STAGE_GONE);
+    refused(BATCH(edge_at("p", "c", 1002, 1), edge_at("p", "c", 1003, 1), edge_at("r", "z", 1, 1)), 3, STAGE_OLD_DATA, 2);
+    below.stamp_ns = 1004;
+    EQUAL(write_all(&wr, &below, 1), STAGE_GONE);
+    end();
+}
+
+/* Where an item has a handle, its name says nothing; and what a caller left in a reference without one does not either. */
+static void check_handle_before_name(void) {
+    lookup l;
+    shmtf_frame c;
+    begin(8);
+    NEED(write_all(&wr, BATCH(edge_at("w", "b", 1, 1), edge_at("w", "c", 1, 10)), 2) == STAGE_OK);
+    NEED(find_frame(&w, now_of(&w), "c", &c) == RING_OK);
+    shmtf_transform batch[2] = {edge_at("w", "b", 2, 20), edge_at("b", "d", 2, 100)};
+    batch[0].child.frame = c;
+    batch[1].parent.frame = (shmtf_frame){UINT32_MAX, 0};
+    EQUAL(write_all(&wr, batch, 2), STAGE_OK);
+    EQUAL(look_up(&w, now_of(&w), "w", "d", NULL, &l), LOOKUP_OK);
+    CHECK(l.pose.x == 101);
+    EQUAL(look_up(&w, now_of(&w), "w", "c", NULL, &l), LOOKUP_OK);
+    CHECK(l.pose.x == 20);
+    for (uint32_t id = UINT32_MAX; id >= UINT32_MAX - 1; id--) {
+        shmtf_transform one = edge_at("w", "e", 3, 5);
+        one.parent.frame = (shmtf_frame){id, 0};
+        EQUAL(write_all(&wr, &one, 1), STAGE_OK);
+    }
+    end();
+}
+
 static void check_kinds(void) {
     lookup l;
     int64_t t = 12345;
@@ -219,6 +258,8 @@ int main(void) {
     check_reused_in_batch();
     check_births();
     check_handles();
+    check_refused_parents();
+    check_handle_before_name();
     check_kinds();
     return check_result("stage");
 }
