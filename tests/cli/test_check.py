@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import struct
 import subprocess
 from collections.abc import Callable
 
@@ -41,6 +42,17 @@ def test_dead_flags_and_their_repair(command: Run, holder: Holder) -> None:
     for name, info in before.items():  # finished or undone, never half
         assert holder.store.frame_info(name).version == info.version
     holder.store.set_transform(shmtf.Transform("map", "part0"))
+
+
+def test_a_copy_that_differs(command: Run, store: shmtf.Store) -> None:
+    """The newest record stands twice; whoever reads it beside the lock and in the ring must read the same."""
+    x = 1234.5
+    store.set_transform(shmtf.Transform("map", "base", 1, translation=(x, 0, 0)))
+    with open(f"/dev/shm/{store.name}", "r+b") as file:
+        at = file.read().index(struct.pack("<d", x))  # frames stand before the arena
+        file.seek(at)
+        file.write(struct.pack("<d", x + 1))
+    assert "copy of the newest record of frame" in command("shmtf", "check", store.name, code=2).stdout
 
 
 def test_corrupt(command: Run, store: shmtf.Store) -> None:
