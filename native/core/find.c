@@ -32,7 +32,7 @@ find_status find_key(finder *f, const shmtf_ref *ref, name_key *key) {
 
 static bool seems_alive(const txn *x, shmtf_frame frame) {
     ring_place p;
-    return ring_newest_place(x->s, frame.id, commit_version(x->snapshot), &p) && edge_kind(place_edge(&p)) != KIND_REMOVED;
+    return ring_newest_place(x->s, frame.id, x->snapshot, &p) && edge_kind(place_edge(&p)) != KIND_REMOVED;
 }
 
 /* Name to handle, if the frame exists.  A name that nobody has must be a good one. */

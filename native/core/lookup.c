@@ -113,7 +113,7 @@ static tree_step existence(const lookup *l, shmtf_frame frame) {
     const shmtf_segment *s = l->s;
     ring_record r;
     ring_place p;
-    if (frame.id - 1ull < s->geo.max_frames && ring_newest_place(s, frame.id, commit_version(l->snapshot), &p)) {
+    if (frame.id - 1ull < s->geo.max_frames && ring_newest_place(s, frame.id, l->snapshot, &p)) {
         record_kind kind = edge_kind(place_edge(&p));
         bool life = (uint32_t)load_relaxed(&p.f->gen) == frame.gen && load_relaxed(&p.f->floor) <= commit_version(l->snapshot);
         fence_acquire(); /* [E3 acquire] [E7 acquire] */

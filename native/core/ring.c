@@ -37,6 +37,19 @@ static ring_status view_take(const shmtf_segment *s, uint32_t id, uint64_t snaps
     return RING_AGAIN;
 }
 
+bool ring_owned_place(const shmtf_segment *s, uint64_t snapshot, ring_place *p) {
+    unsigned slot = lock_slot(p->lock);
+    p->sel = lock_sel(p->lock);
+    if (slot >= s->geo.max_writers) return false;
+    /* S was loaded before this state, as state_decided requires; while the lock stands, it is that owner's. [E4 acquire] */
+    uint64_t state = load_acquire(&s->writers[slot].state);
+    bool committed = state_decided(snapshot, slot, state) && state_version(state) <= commit_version(snapshot);
+    if (committed) p->sel ^= 1;
+    p->tag = load_acquire(&p->f->newest_tag[p->sel]);
+    if (committed && p->tag == lock_tag(p->lock)) p->tag = state_version(state);
+    return p->tag - 1 < commit_version(snapshot);
+}
+
 /* Is everything at or above `lowest` still where the view found it? */
 static bool view_holds(const ring_view *v, uint64_t lowest) {
     fence_acquire();

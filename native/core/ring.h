@@ -143,22 +143,26 @@ typedef struct {
 static inline int64_t place_stamp(const ring_place *p) { return (int64_t)load_relaxed(&p->f->newest_stamp[p->sel]); }
 static inline uint64_t place_edge(const ring_place *p) { return load_relaxed(&p->f->newest_edge[p->sel]); }
 
-/* The common case: nobody writes the frame, and its newest record is not newer than S.  False: nothing is known, ask
- * ring_latest_any.  Whatever is read at the place, of the frame and of its ring counts if, after an acquire fence, the
- * lock word is still the same: to change anything somebody must have owned the lock, and no lock word occurs twice.
- * (That a writer's lock is seen by whoever saw its data is what its release fence is for.) */
-HOT_INLINE bool ring_newest_place(const shmtf_segment *s, uint32_t id, uint64_t version, ring_place *p) {
+/* The same where somebody owns the lock. */
+bool ring_owned_place(const shmtf_segment *s, uint64_t snapshot, ring_place *p);
+
+/* The common case: the frame's newest record is not newer than S.  False: nothing is known, ask ring_latest_any.
+ * Whatever is read at the place, of the frame, and of its ring as the head p->sel says, counts if, after an acquire fence,
+ * the lock word is still the same: no lock word occurs twice, so one owner at most was there, and an owner changes only
+ * what is not in force.  (That a writer's lock is seen by whoever saw its data is what its release fence is for.) */
+HOT_INLINE bool ring_newest_place(const shmtf_segment *s, uint32_t id, uint64_t snapshot, ring_place *p) {
     p->f = &s->frames[id];
     p->lock = load_acquire(&p->f->lock); /* [E5 acquire] */
+    if (__builtin_expect(lock_owned(p->lock), 0)) return ring_owned_place(s, snapshot, p);
     p->sel = lock_sel(p->lock);
     p->tag = load_acquire(&p->f->newest_tag[p->sel]);
-    return (int64_t)p->lock >= 0 && p->tag - 1 < version; /* not owned; neither 0, nor an owner's tag, nor newer than S */
+    return p->tag - 1 < commit_version(snapshot); /* neither 0, nor an owner's tag, nor newer than S */
 }
 
 /* Without writer and time of arrival, which the copy does not hold. */
 HOT_INLINE bool ring_latest_quick(const shmtf_segment *s, uint32_t id, uint64_t snapshot, ring_record *out) {
     ring_place p;
-    if (!ring_newest_place(s, id, commit_version(snapshot), &p)) return false;
+    if (!ring_newest_place(s, id, snapshot, &p)) return false;
     uint64_t edge = place_edge(&p);
     out->version = p.tag;
     out->stamp = place_stamp(&p);

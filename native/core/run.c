@@ -56,14 +56,13 @@ HOT_INLINE void use_edge(edge_chain *c, local_hint *above, uint64_t parent, int6
 
 static uint32_t gather_latest(edge_run *run, uint32_t most) {
     const shmtf_segment *s = run->s;
-    const uint64_t version = commit_version(run->snapshot);
     const edge_rule rule = rule_of(run->clears);
     edge_chain c = run->chain; /* in registers */
     uint32_t n = 0;
     for (; n < most && is_frame(s, c.cur.id); n++) {
         uint32_t next = opaque32(hint_get(&run->above[c.cur.id]));
         ring_place p;
-        if (!ring_newest_place(s, c.cur.id, version, &p)) break;
+        if (!ring_newest_place(s, c.cur.id, run->snapshot, &p)) break;
         uint64_t edge = place_edge(&p);
         int64_t stamp = place_stamp(&p);
         if (p.tag <= rule.upto[edge_kind(edge)] || (uint32_t)load_relaxed(&p.f->gen) != c.cur.gen) break;
@@ -101,7 +100,7 @@ static inline void bracket_set(bracket *b, uint64_t at) {
 
 static inline bool bracket_find(const edge_run *run, const edge_rule *rule, uint32_t id, bracket *b) {
     const shmtf_segment *s = run->s;
-    if (!ring_newest_place(s, id, commit_version(run->snapshot), &b->p)) return false;
+    if (!ring_newest_place(s, id, run->snapshot, &b->p)) return false;
     uint64_t edge = place_edge(&b->p);
     if (b->p.tag <= rule->upto[edge_kind(edge)]) return false;
     b->id = id;

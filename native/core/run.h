@@ -9,8 +9,8 @@
  * should lie; then the records are read, each deciding itself who the next frame is.  A wrong hint ends the run, or
  * costs a wasted prefetch; it is never believed.
  *
- * Only the plain case is taken: nobody writes the frame, and its newest record is not newer than S.  The rest is the
- * general walk's (lookup.c).
+ * Only the plain case is taken: the frame's newest record is not newer than S.  The rest is the general walk's
+ * (lookup.c).
  */
 #ifndef SHMTF_CORE_RUN_H
 #define SHMTF_CORE_RUN_H
