@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import Any
 
@@ -22,6 +23,7 @@ class _Chain:
 
     def __init__(self, frames: int) -> None:
         name = f"shmtf-bench-{os.getpid()}-lines"
+        self.updates = 0
         self.names = [_ROOT, *(f"frame_{i}" for i in range(1, frames + 1))]
         self.store = shmtf.Store.create(name, frames + 8, 16, stream_bytes=0)
         try:
@@ -38,8 +40,14 @@ class _Chain:
         self.store.close()
 
     def update(self, first: int, n: int) -> None:
+        """Every update has other poses: what is written twice the same would not be seen."""
         names = self.names
-        self.store.set_transforms([shmtf.Transform(names[i - 1], names[i]) for i in range(first, first + n)])
+        self.updates += 1
+        turn = 1e-3 * self.updates
+        at, rotation = (turn, -turn, 1 + turn), (0.0, 0.0, math.sin(turn), math.cos(turn))
+        self.store.set_transforms(
+            [shmtf.Transform(names[i - 1], names[i], None, at, rotation) for i in range(first, first + n)]
+        )
 
     def memory(self) -> bytes:
         size, at, parts = os.fstat(self.fd).st_size, 0, []
