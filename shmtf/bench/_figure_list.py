@@ -267,9 +267,9 @@ _OTHERS = [
     _joints("write"),
     _mixed(
         "mixed-rate-age",
-        "age_oldest_ns.p50",
-        "now - oldest stamp used, median",
-        "How old is what a lookup uses when one edge is written once a second?",
+        "age_mean_ns.p50",
+        "now - mean stamp used, median",
+        "How old is what a lookup uses, on the average of its edges, when one of them is written once a second?",
         f"{_BETTER_DOWN} The slow edge alone is up to 1 s old; a lookup at the newest common time takes all edges "
         "back to it.",
     ),
