@@ -160,7 +160,7 @@ int main(void) {
     make_store();
     shmtf_store *shared = attach(0);
     worker first = {.store = shared, .random = 1};
-    write_batch(&first); /* so that readers find the chain */
+    for (int i = 0; i < 2; i++) write_batch(&first); /* so that readers find the chain, and two records an edge */
     for (int i = 0; i < N_THREADS; i++) {
         int writes = i < N_WRITERS;
         workers[i].store = i % 2 ? shared : attach(writes ? 0 : SHMTF_READONLY);
