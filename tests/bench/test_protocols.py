@@ -78,7 +78,7 @@ def test_writers_that_never_wait_begin_again() -> None:
 
 @pytest.mark.parametrize("name", SHARED)
 def test_every_process_gets_something_done(name: str) -> None:
-    until(replace(SHORT, frames=2000, history=256, by="handle", frequency=1000.0), name, everybody_works, (6,))
+    until(replace(SHORT, frames=500, history=256, by="handle", frequency=1000.0), name, everybody_works, (6,))
 
 
 # ---- mixed rates ----
