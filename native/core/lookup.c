@@ -13,15 +13,10 @@ typedef struct {
     shmtf_pose pose;       /* T_cur_start */
 } chain;
 
-/* t0 <= t < t1, differences beyond int64 included. */
-static double ratio_at(int64_t t, int64_t t0, int64_t t1) {
-    return (double)((uint64_t)t - (uint64_t)t0) / (double)((uint64_t)t1 - (uint64_t)t0);
-}
-
 static void interpolate(int64_t t, const ring_around_result *a, ring_record *r) {
     *r = a->before;
     if (a->before.stamp == t || !a->has_after || a->after.parent != a->before.parent) return;
-    r->pose = pose_interpolate(&a->before.pose, &a->after.pose, ratio_at(t, a->before.stamp, a->after.stamp));
+    r->pose = pose_interpolate(&a->before.pose, &a->after.pose, ring_ratio(t, a->before.stamp, a->after.stamp));
 }
 
 static lookup_status edge_failed(lookup *l, shmtf_frame frame, const ring_around_result *a) {

@@ -105,13 +105,8 @@ ring_status names_find(const shmtf_segment *s, uint64_t snapshot, const name_key
 
 bool names_guess(const shmtf_segment *s, const name_key *key, shmtf_frame *out) {
     const shmtf_bucket *bucket = bucket_of(s, key->hash, 0);
-    uint64_t gen;
-    for (int i = 0; i < SHMTF_BUCKET_HINTS; i++) {
-        uint64_t hint = load_acquire(&bucket->hint[i]); /* [E8 acquire] */
-        if (!hint_matches(s, hint, key, &gen)) continue;
-        *out = (shmtf_frame){hint_id(hint), (uint32_t)gen};
-        return true;
-    }
+    for (int i = 0; i < SHMTF_BUCKET_HINTS; i++)
+        if (names_leads(s, load_acquire(&bucket->hint[i]), key, out)) return true; /* [E8 acquire] */
     return false;
 }
 

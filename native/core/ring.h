@@ -192,6 +192,12 @@ typedef struct {
  * (negative: any) behind the newest do not exist. */
 ring_status ring_around(const shmtf_segment *s, uint32_t id, uint64_t snapshot, int64_t t, ring_around_result *out);
 
+/* How far t is from one stamp to the next, 0 to 1: before <= t < after, differences beyond int64 included. */
+static inline double ring_ratio(int64_t t, int64_t before, int64_t after) {
+    int64_t part = (int64_t)((uint64_t)t - (uint64_t)before), whole = (int64_t)((uint64_t)after - (uint64_t)before);
+    if (whole > 0) return (double)part / (double)whole;
+    return (double)(uint64_t)part / (double)(uint64_t)whole;
+}
 /* Where in [lo, hi), which is not empty, the last stamp <= t is likely to be; `newest` > t is the stamp at hi. */
 static inline uint64_t ring_guess(uint64_t lo, uint64_t hi, int64_t newest, uint64_t period, int64_t t) {
     uint64_t age = (uint64_t)newest - (uint64_t)t, back = period ? (age - 1) / period + 1 : 1;

@@ -133,13 +133,6 @@ static inline bool in_order_at(const bracket *b, uint64_t version) {
 
 static inline int64_t stamp_of(const shmtf_record_head *h) { return (int64_t)load_relaxed(&h->stamp); }
 
-/* before <= t < after, differences beyond int64 included. */
-static inline double ratio_at(int64_t t, int64_t before, int64_t after) {
-    int64_t part = (int64_t)((uint64_t)t - (uint64_t)before), whole = (int64_t)((uint64_t)after - (uint64_t)before);
-    if (whole > 0) return (double)part / (double)whole;
-    return (double)(uint64_t)part / (double)(uint64_t)whole;
-}
-
 /* The pose and parent at the run's time.  False: the general way. */
 static inline bool bracket_read(const edge_run *run, bracket *b, shmtf_pose *pose, uint64_t *parent, int64_t *stamp) {
     const int64_t t = run->time;
@@ -161,7 +154,7 @@ static inline bool bracket_read(const edge_run *run, bracket *b, shmtf_pose *pos
     if (more && stamp_of(&b->ring.heads[ring_slot(&b->ring, b->head, b->at + 2)]) == after_ns) return false;
     if (run->poseless || load_relaxed(&b->after->parent) != *parent) return true;
     shmtf_pose T_parent_child = ring_pose(b->after->pose);
-    *pose = pose_interpolate(pose, &T_parent_child, ratio_at(t, before_ns, after_ns));
+    *pose = pose_interpolate(pose, &T_parent_child, ring_ratio(t, before_ns, after_ns));
     return true;
 }
 
