@@ -106,10 +106,7 @@ static stage_status attempt(shmtf_store *h, write_context *c, write_job *j, uint
         if (births) stage_forget_unborn(&j->g);
         return st;
     }
-    if (!x->n_staged && !x->reshapes) { /* everything was there already */
-        *version = commit_version(x->snapshot);
-        return txn_abort(x), STAGE_OK;
-    }
+    if (!x->n_staged && !x->reshapes) return txn_commit_nothing(x, version) == TXN_OK ? STAGE_OK : STAGE_RETRY;
     size_t n = x->n;
     txn_status done = txn_commit(x, version);
     if (done == TXN_LOST) store_lose(h, c);

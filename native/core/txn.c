@@ -242,6 +242,15 @@ static txn_status commit_once(txn *x, uint64_t g, uint64_t shape, uint64_t versi
     return cas_seq_cst(&s->global->commit, g, commit_make(x->slot, version)) ? TXN_OK : TXN_HELD; /* [E2 release] [E9 seq_cst] */
 }
 
+txn_status txn_commit_nothing(txn *x, uint64_t *version) {
+    uint64_t g = load_acquire(&x->s->global->commit); /* [E2 acquire] */
+    /* The records stand still under the locks; that they count was found out at the snapshot, which may be older. */
+    txn_status st = tree_topology_at(x->s, g) == x->topology ? TXN_OK : TXN_RETRY;
+    *version = commit_version(g);
+    txn_abort(x);
+    return st;
+}
+
 txn_status txn_commit(txn *x, uint64_t *version) {
     const shmtf_segment *s = x->s;
     shmtf_writer *w = &s->writers[x->slot];

@@ -79,6 +79,8 @@ txn_status txn_put_mark(txn *x, txn_entry *e, record_kind kind, uint64_t flags, 
                         uint16_t writer);
 /* All or nothing, at this moment.  Not TXN_OK: everything was released, nothing was written. */
 txn_status txn_commit(txn *x, uint64_t *version);
+/* The same where nothing was staged because it was all there already: *version is that of a commit at which it was. */
+txn_status txn_commit_nothing(txn *x, uint64_t *version);
 /* Release everything, nothing happened. */
 void txn_abort(txn *x);
 /* Announce, or take back, that this transaction waits for a frame. */

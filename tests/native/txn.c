@@ -180,6 +180,24 @@ static void check_validation(void) {
     end();
 }
 
+/* A batch of which everything is there already says as of which commit: one that has it. */
+static void check_repeats(void) {
+    begin(8);
+    shmtf_transform t = edge_at("p", "f", 5, 1), again = t;
+    NEED(write_one(&a, edge_at("p", "f", 4, 0)) == STAGE_OK);
+    NEED(stage_begin(&a, &again, 1) == STAGE_OK);
+    NEED(write_one(&b, t) == STAGE_OK);
+    EQUAL(stage_end(&a, stage_transforms(&a.g)), STAGE_OK);
+    EQUAL(a.x.repeats, 1);
+    EQUAL(a.as_of, b.version);
+    EQUAL(commit_version(now_of(&w)), b.version);
+    NEED(stage_begin(&a, &again, 1) == STAGE_OK);
+    NEED(clear_all(&b, false) == STAGE_OK);
+    EQUAL(stage_end(&a, stage_transforms(&a.g)), STAGE_RETRY); /* it was there once, and is not now */
+    EQUAL(locks_held(), 0);
+    end();
+}
+
 static void check_wants(void) {
     begin(8);
     NEED(write_one(&a, edge_at("p", "f", 5, 1)) == STAGE_OK);
@@ -229,6 +247,7 @@ int main(void) {
     check_free_frame_of_the_dead();
     check_dead_births();
     check_validation();
+    check_repeats();
     check_wants();
     check_reclaim();
     return check_result("txn");

@@ -22,7 +22,8 @@ typedef struct {
     uint32_t order[4096];
     int64_t arrival_ns;
     stage g; /* of the last batch */
-    uint64_t version;
+    uint64_t version; /* of the last commit */
+    uint64_t as_of;   /* of the last batch that found everything there */
 } writer;
 
 static inline void world_make(world *w, uint64_t frames, uint64_t history, int64_t cache_ns, uint64_t bytes, uint64_t writers) {
@@ -98,10 +99,7 @@ static inline stage_status stage_end(writer *wr, stage_status st) {
         stage_forget_unborn(&wr->g);
         return st;
     }
-    if (!wr->x.n_staged && !wr->x.reshapes) {
-        txn_abort(&wr->x);
-        return STAGE_OK;
-    }
+    if (!wr->x.n_staged && !wr->x.reshapes) return txn_commit_nothing(&wr->x, &wr->as_of) == TXN_OK ? STAGE_OK : STAGE_RETRY;
     txn_status done = txn_commit(&wr->x, &wr->version);
     if (done == TXN_OK) return STAGE_OK;
     stage_forget_unborn(&wr->g);
