@@ -24,7 +24,7 @@ static lookup_status edge_failed(lookup *l, shmtf_frame frame, const ring_around
     l->failed_parent = parent_frame(a->newest.parent);
     l->edge_oldest = a->oldest_stamp;
     l->edge_newest = a->newest.stamp;
-    if (a->newest.position == info_base(a->newest.info, a->newest.position)) return LOOKUP_SINGLE;
+    if (a->alone) return LOOKUP_SINGLE;
     return l->time > a->newest.stamp ? LOOKUP_FORWARD : LOOKUP_BACKWARD;
 }
 

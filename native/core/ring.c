@@ -234,6 +234,12 @@ static ring_status around_in_view(const shmtf_segment *s, const ring_view *v, ui
         if (visible_up(v, snapshot, p, newest->position, &oldest) != RECORD_OK) return RING_AGAIN;
         out->oldest_stamp = oldest.stamp;
         if (p < lowest) lowest = p;
+        k = visible_down(v, snapshot, newest->position - 1, first, &oldest);
+        if (k == RECORD_UNSTABLE || k == RECORD_NEVER) return RING_AGAIN;
+        out->alone = k != RECORD_OK;
+        /* What has left since may have been older than the newest at S, or later than S. */
+        if (out->alone && first > info_base(newest->info, newest->position)) return RING_OLD;
+        if (!out->alone && oldest.position < lowest) lowest = oldest.position;
     }
     if (!found && first > info_base(newest->info, newest->position) && moved_since(v, snapshot)) return RING_OLD;
     return view_holds(v, lowest) ? RING_OK : RING_AGAIN;

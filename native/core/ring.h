@@ -185,6 +185,7 @@ typedef struct {
     ring_record newest;        /* of the segment that is in force at S */
     ring_record before, after; /* before: last with stamp <= t.  after: of the first stamp > t, the last commit */
     bool has_before, has_after;
+    bool alone;                /* S has no other record; set where t is not between two records */
     int64_t oldest_stamp;      /* of what can still be read at S; set where t is not between two records */
 } ring_around_result;
 

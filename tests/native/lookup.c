@@ -316,6 +316,25 @@ static void check_times(void) {
             }
 }
 
+/* Why a time cannot be had is an answer about S, too: a late stamp that came since makes one record two. */
+static void check_failures_at_a_commit(void) {
+    lookup l;
+    begin(8, 8, -1);
+    NEED(write_one(&wr, edge_at("p", "f", 10, 1)) == STAGE_OK);
+    uint64_t one = now_of(&w);
+    NEED(write_one(&wr, edge_at("p", "f", 5, 2)) == STAGE_OK);
+    for (int64_t t = 3; t <= 12; t += 9) {
+        EQUAL(look_up(&w, one, "p", "f", &t, &l), LOOKUP_SINGLE);
+        EQUAL(look_up(&w, now_of(&w), "p", "f", &t, &l), t < 5 ? LOOKUP_BACKWARD : LOOKUP_FORWARD);
+    }
+    /* the late one is gone again, and with it the knowledge whether S had it */
+    for (int64_t t = 11; t < 11 + (int64_t)shmtf_ring_live(w.s.geo.default_log2) - 1; t++) NEED(write_one(&wr, edge_at("p", "f", t, 3)) == STAGE_OK);
+    int64_t t = 40;
+    EQUAL(look_up(&w, one, "p", "f", &t, &l), LOOKUP_OLD);
+    EQUAL(look_up(&w, now_of(&w), "p", "f", &t, &l), LOOKUP_FORWARD);
+    end();
+}
+
 /* Late stamps make a loop at a time that the newest records do not have. */
 static void check_loop(void) {
     lookup l;
@@ -342,6 +361,7 @@ int main(void) {
     check_edges_after_move();
     check_clear();
     check_times();
+    check_failures_at_a_commit();
     check_loop();
     return check_result("lookup");
 }
