@@ -100,7 +100,7 @@ ring_status names_find(const shmtf_segment *s, uint64_t snapshot, const name_key
     fence_acquire();
     for (uint64_t b = 0; b <= reach; b++)
         if (load_acquire(&bucket_of(s, key->hash, b)->floor) > commit_version(snapshot)) return RING_OLD;
-    return load_acquire(&s->global->reach) > reach ? RING_AGAIN : RING_NONE;
+    return reach_of(s) > reach ? RING_AGAIN : RING_NONE; /* an impossible reach is the same the next time */
 }
 
 bool names_guess(const shmtf_segment *s, const name_key *key, shmtf_frame *out) {
