@@ -49,6 +49,7 @@ resolve_status recover_resolve(const shmtf_segment *s, uint32_t id, uint64_t loc
 
 bool recover_want_stale(const shmtf_segment *s, uint64_t want) {
     unsigned slot = lock_slot(want);
+    if (!lock_owned(want)) return true; /* nobody wishes like that: a corrupt word */
     return slot >= s->geo.max_writers || load_acquire(&s->writers[slot].txn) != lock_txn(want) ||
            load_acquire(&s->writers[slot].live_from) > lock_txn(want);
 }
