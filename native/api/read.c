@@ -144,10 +144,10 @@ static shmtf_status look_until_stable(shmtf_store *h, query *q, const shmtf_snap
         uint64_t s = snapshot ? snapshot->word : load_seq_cst(&h->s.global->commit); /* [E2 acquire] [E9 seq_cst] */
         shmtf_status st = look(h, q, s, &again);
         if (!again) return st;
+        error_clear(q->e); /* what it says is about a commit that was too old */
         if (snapshot) break;
         count_add(&h->restarts, 1);
     }
-    error_clear(q->e);
     return error_set(q->e, SHMTF_SNAPSHOT_EXPIRED, "the records of that commit were overwritten",
                      snapshot ? "take a new snapshot, or create the store with a larger history" : "create the store with a larger history");
 }
