@@ -21,6 +21,15 @@ typedef _Atomic uint32_t shmtf_word32; /* futex words */
 
 _Static_assert(sizeof(shmtf_word) == 8 && ATOMIC_LLONG_LOCK_FREE == 2, "64-bit lock-free atomics are required");
 
+/* ThreadSanitizer does not see into assembly. */
+#if defined(__SANITIZE_THREAD__)
+#define SHMTF_SEES_ATOMICS_ONLY
+#elif defined(__has_feature)
+#if __has_feature(thread_sanitizer)
+#define SHMTF_SEES_ATOMICS_ONLY
+#endif
+#endif
+
 enum { SHMTF_STEP_LOAD, SHMTF_STEP_STORE };
 #ifdef SHMTF_STEPS
 void shmtf_step(int kind, const void *word);
@@ -37,9 +46,11 @@ static inline uint64_t load_relaxed(const shmtf_word *w) {
 static inline double load_double(const shmtf_word *w) {
     shmtf_step(SHMTF_STEP_LOAD, (const void *)w);
     double d;
-#if defined(__x86_64__) && !defined(__SANITIZE_THREAD__)
-    __asm__("%vmovsd %1, %0" : "=x"(d) : "m"(*w));
-#elif defined(__aarch64__) && !defined(__SANITIZE_THREAD__)
+#if defined(__AVX__) && !defined(SHMTF_SEES_ATOMICS_ONLY)
+    __asm__("vmovsd %1, %0" : "=x"(d) : "m"(*w));
+#elif defined(__x86_64__) && !defined(SHMTF_SEES_ATOMICS_ONLY)
+    __asm__("movsd %1, %0" : "=x"(d) : "m"(*w));
+#elif defined(__aarch64__) && !defined(SHMTF_SEES_ATOMICS_ONLY)
     __asm__("ldr %d0, %1" : "=w"(d) : "m"(*w));
 #else
     uint64_t u = atomic_load_explicit(w, memory_order_relaxed);
@@ -62,7 +73,7 @@ static inline void store_relaxed(shmtf_word *w, uint64_t v) {
 /* Two neighbouring words from two neighbouring doubles: one store where the machine has it.  The pair is not one atomic
  * step, each word is. */
 static inline void store_double_pair(shmtf_word *w, const double *from) {
-#if defined(__x86_64__) && !defined(__SANITIZE_THREAD__) && !defined(SHMTF_STEPS)
+#if defined(__x86_64__) && !defined(SHMTF_SEES_ATOMICS_ONLY) && !defined(SHMTF_STEPS)
     typedef struct __attribute__((may_alias)) {
         double d[2];
     } pair;
