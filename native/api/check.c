@@ -26,7 +26,7 @@ shmtf_status shmtf_writers(shmtf_store *h, shmtf_writer_info *writers, size_t ma
         }
         (*n)++;
     }
-    return st;
+    return store_leave(h, st, error);
 }
 
 shmtf_status shmtf_get_frame_words(shmtf_store *h, shmtf_ref ref, shmtf_frame_words *words, shmtf_error *error) {
@@ -47,12 +47,12 @@ shmtf_status shmtf_get_frame_words(shmtf_store *h, shmtf_ref ref, shmtf_frame_wo
     if (head_count(words->head) && ring_bind(&h->s, frame.id, words->head, &r))
         words->newest_tag = load_acquire(&r.heads[ring_slot(&r, words->head, head_count(words->head))].tag);
     words->locked = lock_owned(words->lock);
-    if (!words->locked) return SHMTF_OK;
+    if (!words->locked) return store_leave(h, SHMTF_OK, error);
     words->owner_slot = (int)lock_slot(words->lock);
     words->owner_transaction = lock_txn(words->lock);
     words->owner_alive = lock_txn(words->lock) >= load_acquire(&h->s.writers[lock_slot(words->lock) % h->s.geo.max_writers].live_from) &&
                          claimed(h, lock_slot(words->lock));
-    return SHMTF_OK;
+    return store_leave(h, SHMTF_OK, error);
 }
 
 static void problem(shmtf_check_report *r, const char *what, uint64_t id, uint64_t value) {
@@ -144,7 +144,8 @@ shmtf_status shmtf_check(shmtf_store *h, int repair, shmtf_check_report *report,
     if (commit_slot(load_acquire(&h->s.global->commit)) >= h->s.geo.max_writers) problem(report, "commit word", 0, load_acquire(&h->s.global->commit));
     for (uint32_t id = 0; id <= bound; id++) check_frame(h, id, report);
     report->frames = bound;
+    if (hint_get(&h->entry) == GUARD_LOST) return store_lost(error);
     if (report->bad_words) return error_set(error, SHMTF_CORRUPT, "a word in the segment is impossible", "copy what is needed, then create the store again");
     for (uint32_t id = 0; repair && id <= bound; id++) repair_frame(h, id, report);
-    return SHMTF_OK;
+    return store_leave(h, SHMTF_OK, error);
 }

@@ -30,6 +30,7 @@ static shmtf_status expired(shmtf_error *e) {
 }
 
 static shmtf_status from_ring(ring_status st, shmtf_store *h, const shmtf_ref *ref, shmtf_error *e) {
+    if (hint_get(&h->entry) == GUARD_LOST) return store_lost(e);
     if (st == RING_OK) return SHMTF_OK;
     if (st == RING_OLD || st == RING_AGAIN) return expired(e);
     if (st == RING_CORRUPT) return error_set(e, SHMTF_CORRUPT, "a frame's ring", "shmtf check NAME says more");
@@ -64,7 +65,7 @@ shmtf_status shmtf_frame_name(shmtf_store *h, shmtf_frame frame, char name[SHMTF
     error_clear(error);
     shmtf_status st = store_enter(h, error);
     if (st != SHMTF_OK || names_copy(&h->s, frame, name)) return st;
-    return error_set(error, SHMTF_LOOKUP, "the handle is stale: its frame was removed", NULL);
+    return store_leave(h, error_set(error, SHMTF_LOOKUP, "the handle is stale: its frame was removed", NULL), error);
 }
 
 static ring_status list_frames(shmtf_store *h, uint64_t commit, shmtf_frame *out, size_t max, size_t *n) {

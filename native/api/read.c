@@ -174,6 +174,7 @@ static shmtf_status look_waiting(shmtf_store *h, query *q, shmtf_status st, int6
         count_add(&h->waits, 1);
         int err = b ? bell_sleep(b, &bucket, 1, &seen, left) : clock_sleep_ns(left < poll ? left : poll);
         if (err == EINTR) return error_set(q->e, SHMTF_INTERRUPTED, "waiting for a transform", NULL);
+        if (hint_get(&h->entry) == GUARD_LOST) break;
         if (poll < 10000000) poll *= 2;
         error_clear(q->e);
         st = look_until_stable(h, q, NULL);
@@ -185,8 +186,9 @@ static shmtf_status run_query(shmtf_store *h, query *q, const shmtf_snapshot *sn
     shmtf_status st = store_enter(h, q->e);
     if (st != SHMTF_OK) return st;
     st = look_until_stable(h, q, snapshot);
-    if (timeout_ns == 0 || snapshot || !may_come(st)) return st;
-    return look_waiting(h, q, st, deadline_after(timeout_ns));
+    if (st == SHMTF_OK) return st;
+    if (timeout_ns != 0 && !snapshot && may_come(st)) st = look_waiting(h, q, st, deadline_after(timeout_ns));
+    return st == SHMTF_OK ? st : store_leave(h, st, q->e);
 }
 
 shmtf_status shmtf_lookup_transform(shmtf_store *store, const shmtf_snapshot *snapshot, shmtf_ref target, shmtf_ref source,

@@ -47,7 +47,9 @@ shmtf_status shmtf_format_fd(int fd, const shmtf_config *config, shmtf_error *er
     shmtf_segment s;
     uint64_t uuid[2];
     void *base;
+    local_hint mark = 0;
     error_clear(error);
+    peer_fork_guard();
     shmtf_status st = geometry(config, &geo, error);
     if (st != SHMTF_OK) return st;
     int err = map_stat(fd, &file);
@@ -63,11 +65,20 @@ shmtf_status shmtf_format_fd(int fd, const shmtf_config *config, shmtf_error *er
     if (!err) err = map_memory(fd, geo.size_bytes, 1, &base);
     if (err) return error_system(error, SHMTF_SYSTEM, err, "reserving the store's memory", NULL);
     if (getrandom(uuid, sizeof uuid, 0) != (ssize_t)sizeof uuid) uuid[0] = (uint64_t)clock_realtime_ns(), uuid[1] = (uint64_t)getpid();
+    guard_watch(base, &mark);
     shmtf_layout_bind(&s, &geo, base);
     shmtf_layout_format(&s, uuid, clock_realtime_ns(), (uint64_t)getpid());
     shmtf_layout_publish(&s);
+    bool lost = hint_get(&mark) == GUARD_LOST;
     map_release(base, geo.size_bytes);
-    return SHMTF_OK;
+    return lost ? store_lost(error) : SHMTF_OK;
+}
+
+shmtf_status shmtf_guard_truncation(shmtf_error *error) {
+    error_clear(error);
+    peer_fork_guard();
+    int err = guard_install();
+    return err ? error_system(error, SHMTF_SYSTEM, err, "installing a handler of SIGBUS", NULL) : SHMTF_OK;
 }
 
 static shmtf_status bad_name(shmtf_error *e) {
@@ -126,6 +137,7 @@ shmtf_status shmtf_unlink_bell_fd(int fd, shmtf_error *error) {
     void *page;
     char path[64];
     error_clear(error);
+    peer_fork_guard();
     int err = map_stat(fd, &file);
     if (!err && file.size_bytes < SHMTF_PAGE) return SHMTF_OK; /* never had one */
     if (!err) err = map_memory(fd, SHMTF_PAGE, 0, &page);
@@ -172,7 +184,7 @@ shmtf_status shmtf_get_info(shmtf_store *h, shmtf_info *info, shmtf_error *error
     info->n_chunks = g->n_chunks;
     info->n_chunks_free = arena_count_free(&h->s);
     info->readonly = h->readonly;
-    return SHMTF_OK;
+    return store_leave(h, SHMTF_OK, error);
 }
 
 void shmtf_get_counters(shmtf_store *h, shmtf_counters *c) {

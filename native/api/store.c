@@ -22,6 +22,7 @@ static shmtf_status map_segment(shmtf_store *h, const shmtf_geometry *geo, shmtf
     if (fd != h->query_fd && fd >= 0) close(fd);
     if (err) return error_system(e, SHMTF_SYSTEM, err, "mapping the store", NULL);
     shmtf_layout_bind(&h->s, geo, h->base);
+    guard_watch(h->base, &h->entry);
     return SHMTF_OK;
 }
 
@@ -80,7 +81,7 @@ shmtf_status shmtf_attach_fd(int fd, unsigned flags, const char *writer, shmtf_s
     h->query_fd = -1;
     flag_put(&h->authority, -1);
     h->readonly = (flags & SHMTF_READONLY) != 0;
-    h->forks = peer_fork_count();
+    hint_set(&h->entry, h->forks = peer_fork_count());
     pthread_mutex_init(&h->mutex, NULL);
     const char *name = writer ? writer : program_invocation_short_name;
     memcpy(h->writer, name, strnlen(name, SHMTF_HOLDER_SIZE - 1));
@@ -114,8 +115,14 @@ static void drop_contexts(shmtf_store *h, bool mapped) {
 
 void shmtf_close(shmtf_store *h) {
     if (!h) return;
+    map_file now;
     bool mapped = h->forks == peer_fork_count(); /* in a forked child nothing of it is */
     drop_contexts(h, mapped);
+    if (mapped && hint_get(&h->entry) == GUARD_LOST && !map_stat(h->query_fd, &now) && now.size_bytes < h->s.geo.size_bytes) {
+        char path[64]; /* with the file went the uuid, so nobody else can say which bell is without a store now */
+        bell_path(h->uuid, path);
+        unlink(path);
+    }
     if (mapped) {
         bell_close(h->bell_map);
         map_release(h->base, h->s.geo.size_bytes);
@@ -128,8 +135,14 @@ void shmtf_close(shmtf_store *h) {
     free(h);
 }
 
-shmtf_status store_enter_forked(shmtf_store *h, shmtf_error *e) {
+shmtf_status store_lost(shmtf_error *e) {
+    error_clear(e);
+    return error_set(e, SHMTF_CORRUPT, "its file was cut short while it was mapped", "create the store again, and attach anew");
+}
+
+shmtf_status store_enter_slowly(shmtf_store *h, shmtf_error *e) {
     shmtf_status st = SHMTF_OK;
+    if (hint_get(&h->entry) == GUARD_LOST) return store_lost(e);
     peer_fork_lock(); /* several threads of the child may come first */
     if (h->forks != peer_fork_count()) {
         shmtf_geometry geo = h->s.geo;
@@ -142,7 +155,7 @@ shmtf_status store_enter_forked(shmtf_store *h, shmtf_error *e) {
             drop_contexts(h, false);
             h->bell_map = NULL;
             h->bell_tried = false;
-            h->forks = peer_fork_count();
+            hint_set(&h->entry, h->forks = peer_fork_count());
         }
     }
     peer_fork_unlock();
@@ -270,5 +283,5 @@ shmtf_status shmtf_authority_name(shmtf_store *store, uint16_t writer, char name
     if (st != SHMTF_OK || writer >= SHMTF_N_AUTHORITIES) return st;
     const shmtf_authority *a = &store->s.authorities[writer];
     if (load_acquire(&a->claim) & CLAIM_READY) store_text(a->text, name); /* [E11 acquire] */
-    return SHMTF_OK;
+    return store_leave(store, SHMTF_OK, NULL);
 }

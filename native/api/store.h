@@ -9,6 +9,7 @@
 
 #include "core/lookup.h"
 #include "core/stage.h"
+#include "segment/guard.h"
 #include "segment/map.h"
 #include "segment/peer.h"
 #include "segment/wait.h"
@@ -34,6 +35,7 @@ struct shmtf_store {
     uint64_t uuid[2];
     char writer[SHMTF_HOLDER_SIZE];
     unsigned forks; /* peer_fork_count() when the mappings were made */
+    local_hint entry; /* the same; GUARD_LOST once the file was cut short */
     pthread_mutex_t mutex; /* over making contexts, the bell and the authority */
     write_context *contexts[MAX_CONTEXTS];
     local_flag n_contexts;
@@ -45,10 +47,16 @@ struct shmtf_store {
     local_count commits, aborts, helps, recoveries, rereads, restarts, waits, late_dropped, repeats;
 };
 
-/* First in every call: a forked child gets mappings of its own. */
-shmtf_status store_enter_forked(shmtf_store *h, shmtf_error *e);
+/* First in every call: a forked child gets mappings of its own, and a handle whose file was cut short is of no more use. */
+shmtf_status store_enter_slowly(shmtf_store *h, shmtf_error *e);
 static inline shmtf_status store_enter(shmtf_store *h, shmtf_error *e) {
-    return h->forks == peer_fork_count() ? SHMTF_OK : store_enter_forked(h, e);
+    return hint_get(&h->entry) == peer_fork_count() ? SHMTF_OK : store_enter_slowly(h, e);
+}
+/* Last in a call whose answer may have come from the zeros of a lost mapping: `status`, or CORRUPT.  A transform that was
+ * found needs no look: it was checked against a lock word that is not zero. */
+shmtf_status store_lost(shmtf_error *e);
+static inline shmtf_status store_leave(const shmtf_store *h, shmtf_status status, shmtf_error *e) {
+    return hint_get(&h->entry) == GUARD_LOST ? store_lost(e) : status;
 }
 bell *store_bell(shmtf_store *h);
 

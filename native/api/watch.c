@@ -71,14 +71,15 @@ shmtf_status shmtf_wait_for_change(shmtf_store *h, const shmtf_ref *frames, size
     bell *b = NULL;
     for (bool first = true;; first = false) {
         uint32_t seen[BELL_MAX_WAIT];
-        if (look(h, &w, version)) return SHMTF_OK;
+        if (look(h, &w, version)) return store_leave(h, SHMTF_OK, error);
+        if (hint_get(&h->entry) == GUARD_LOST) return store_lost(error);
         int64_t left = deadline == INT64_MAX ? INT64_MAX : deadline - clock_monotonic_ns();
         if (left <= 0) return error_set(error, SHMTF_TIMEOUT, "no change", NULL);
         if (first) b = store_bell(h);
         if (b) {
             watch armed = w;
             bell_arm(b, armed.buckets, armed.n_buckets, seen);
-            if (look(h, &w, version)) return SHMTF_OK;
+            if (look(h, &w, version)) return store_leave(h, SHMTF_OK, error);
             if (w.n_buckets != armed.n_buckets || memcmp(w.buckets, armed.buckets, w.n_buckets * sizeof *w.buckets)) continue;
         }
         count_add(&h->waits, 1);

@@ -252,7 +252,7 @@ static shmtf_status run(shmtf_store *h, write_job *j, uint64_t *version) {
     stage_status checked = j->kind == WRITE_SET ? stage_check(&j->g) : STAGE_OK;
     if (checked != STAGE_OK) return refuse(h, j, checked);
     st = store_take(h, &c, j->e);
-    if (st != SHMTF_OK) return st;
+    if (st != SHMTF_OK) return store_leave(h, st, j->e);
     j->g.x = &c->x;
     j->g.arrival_ns = j->options && j->options->arrival_ns ? j->options->arrival_ns : clock_realtime_ns();
     j->g.writer = store_authority(h, j->options ? j->options->authority : NULL);
@@ -263,7 +263,7 @@ static shmtf_status run(shmtf_store *h, write_job *j, uint64_t *version) {
         st = error_system(j->e, SHMTF_SYSTEM, ENOMEM, "process memory", NULL);
     }
     store_give(c);
-    return st;
+    return store_leave(h, st, j->e);
 }
 
 shmtf_status shmtf_set_transforms(shmtf_store *store, shmtf_transform *transforms, size_t n, const shmtf_write_options *options,

@@ -15,6 +15,7 @@
  *   processes   any number may attach.  A process killed or stopped at any instruction delays no reader.
  *   fork        the child's first use of an inherited handle attaches anew by itself.
  *   signals     a function that waits returns SHMTF_INTERRUPTED when a signal handler ran; call it again.
+ *   truncation  who truncates the file of a live store breaks it for all; see shmtf_guard_truncation.
  *   waiting     only functions with a `timeout_ns` may wait: 0 never waits, negative waits for ever.
  *               Deadlines are on CLOCK_MONOTONIC.
  */
@@ -127,6 +128,11 @@ SHMTF_API shmtf_status shmtf_attach(const char *name, unsigned flags, const char
 SHMTF_API shmtf_status shmtf_unlink(const char *name, shmtf_error *error);
 /* Remove the bell of the store open in `fd` (see native/README.md); for callers that unlink the name themselves. */
 SHMTF_API shmtf_status shmtf_unlink_bell_fd(int fd, shmtf_error *error);
+/* Survive it when somebody truncates a store's file: instead of ending the process by SIGBUS, calls on that store then
+ * answer CORRUPT until it is closed.  Installs, once for the process, a handler of SIGBUS that passes whatever is not about
+ * a store on to the handler that was there before; it stays, so the library must not be unloaded.  Install it after
+ * handlers that end the process, such as faulthandler's: one that comes later is asked first.  No thread may block SIGBUS. */
+SHMTF_API shmtf_status shmtf_guard_truncation(shmtf_error *error);
 /* Unmap and free.  NULL is allowed.  No other thread may be using the handle. */
 SHMTF_API void shmtf_close(shmtf_store *store);
 

@@ -281,7 +281,12 @@ static PyObject *get_version(PyObject *self, void *unused) {
     py_handle *h = py_reader_open(self);
     if (!h) return NULL;
     const shmtf_snapshot *snapshot = py_reader_snapshot(self);
-    return PyLong_FromUnsignedLongLong(snapshot ? shmtf_snapshot_version(*snapshot) : shmtf_commit_version(h->store));
+    if (snapshot) return PyLong_FromUnsignedLongLong(shmtf_snapshot_version(*snapshot));
+    uint64_t version = shmtf_commit_version(h->store);
+    shmtf_error error;
+    shmtf_info info;
+    if (version == 0 && shmtf_get_info(h->store, &info, &error) != SHMTF_OK) return py_raise_error(h->module, &error, NULL);
+    return PyLong_FromUnsignedLongLong(version);
 }
 
 static PyObject *get_readonly(PyObject *self, void *unused) {

@@ -35,7 +35,8 @@ static PyObject *store_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
     if (!m || !PyArg_ParseTupleAndKeywords(args, kwargs, "i|pO:Store", (char **)names, &fd, &readonly, &writer)) return NULL;
     if (!py_text(m, writer, "authority", &writer_text)) return NULL;
     Py_BEGIN_ALLOW_THREADS
-    status = shmtf_attach_fd(fd, readonly ? SHMTF_READONLY : 0, writer_text, &store, &error);
+    status = shmtf_guard_truncation(&error);
+    if (status == SHMTF_OK) status = shmtf_attach_fd(fd, readonly ? SHMTF_READONLY : 0, writer_text, &store, &error);
     Py_END_ALLOW_THREADS
     if (status != SHMTF_OK) return py_raise_error(m, &error, NULL);
     py_handle *h = py_handle_new(m, store);

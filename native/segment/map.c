@@ -12,6 +12,8 @@
 #include <sys/vfs.h>
 #include <unistd.h>
 
+#include "segment/guard.h"
+
 int map_stat(int fd, map_file *file) {
     struct stat st;
     struct statfs fs;
@@ -39,8 +41,8 @@ int map_reopen(int fd, int writable, int *out) {
 int map_memory(int fd, uint64_t size_bytes, int writable, void **base) {
     *base = mmap(NULL, size_bytes, writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED, fd, 0);
     if (*base == MAP_FAILED) return *base = NULL, errno;
-    if (madvise(*base, size_bytes, MADV_DONTFORK)) {
-        int e = errno;
+    int e = madvise(*base, size_bytes, MADV_DONTFORK) ? errno : guard_add(*base, size_bytes, writable);
+    if (e) {
         munmap(*base, size_bytes);
         return *base = NULL, e;
     }
@@ -49,7 +51,9 @@ int map_memory(int fd, uint64_t size_bytes, int writable, void **base) {
 }
 
 void map_release(void *base, uint64_t size_bytes) {
-    if (base) munmap(base, size_bytes);
+    if (!base) return;
+    guard_remove(base);
+    munmap(base, size_bytes);
 }
 
 int map_path(const char *name, char *path, size_t size) {

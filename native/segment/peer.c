@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "segment/atomic.h"
+#include "segment/guard.h"
 
 /* Lock bytes need not exist as data; far behind the end no other tool's range lock is in the way. */
 #define SLOT_OFFSET ((off_t)1 << 40)
@@ -20,9 +21,17 @@ static pthread_mutex_t fork_mutex = PTHREAD_MUTEX_INITIALIZER;
 static pthread_once_t fork_once = PTHREAD_ONCE_INIT;
 static local_hint fork_count;
 
-static void before_fork(void) { pthread_mutex_lock(&fork_mutex); }
-static void after_fork(void) { pthread_mutex_unlock(&fork_mutex); }
+/* This mutex first: who claims a slot maps under it. */
+static void before_fork(void) {
+    pthread_mutex_lock(&fork_mutex);
+    guard_before_fork();
+}
+static void after_fork(void) {
+    guard_after_fork(false);
+    pthread_mutex_unlock(&fork_mutex);
+}
 static void after_fork_child(void) {
+    guard_after_fork(true);
     hint_set(&fork_count, hint_get(&fork_count) + 1);
     pthread_mutex_unlock(&fork_mutex);
 }
