@@ -92,6 +92,9 @@ class Store(_core.Store, Reads):
         readonly: map it PROT_READ, which read permission suffices for; writes raise ReadOnlyStoreError.  timeout:
         seconds to wait for it to exist, None for ever.  authority: name of this writer, for people.
 
+        The first call installs a handler of SIGBUS, for a file that somebody truncates while it is mapped: calls then
+        raise StoreCorruptError.  What is not about a store goes to the handler that was there before.
+
         Raises StoreNotFoundError, StorePermissionError, StoreVersionError (no store, or another version of the format),
         StoreCorruptError.
         """

@@ -130,11 +130,16 @@ static void repair_frame(shmtf_store *h, uint32_t id, shmtf_check_report *rep) {
     rep->locks_repaired += helped || recovered;
 }
 
+static shmtf_status check_lost(shmtf_check_report *report, shmtf_error *error) {
+    *report = (shmtf_check_report){.bad_words = 1, .first_problem = "its file was cut short"};
+    return store_lost(error);
+}
+
 shmtf_status shmtf_check(shmtf_store *h, int repair, shmtf_check_report *report, shmtf_error *error) {
     error_clear(error);
     memset(report, 0, sizeof *report);
     shmtf_status st = store_enter(h, error);
-    if (st != SHMTF_OK) return st;
+    if (st != SHMTF_OK) return st == SHMTF_CORRUPT ? check_lost(report, error) : st;
     if (repair && h->readonly) return error_set(error, SHMTF_READ_ONLY, "the store is attached read-only", NULL);
     uint64_t bound = load_acquire(&h->s.global->frames_bound);
     if (bound > h->s.geo.max_frames) {
@@ -144,8 +149,8 @@ shmtf_status shmtf_check(shmtf_store *h, int repair, shmtf_check_report *report,
     if (commit_slot(load_acquire(&h->s.global->commit)) >= h->s.geo.max_writers) problem(report, "commit word", 0, load_acquire(&h->s.global->commit));
     for (uint32_t id = 0; id <= bound; id++) check_frame(h, id, report);
     report->frames = bound;
-    if (hint_get(&h->entry) == GUARD_LOST) return store_lost(error);
+    if (hint_get(&h->entry) == GUARD_LOST) return check_lost(report, error);
     if (report->bad_words) return error_set(error, SHMTF_CORRUPT, "a word in the segment is impossible", "copy what is needed, then create the store again");
     for (uint32_t id = 0; repair && id <= bound; id++) repair_frame(h, id, report);
-    return store_leave(h, SHMTF_OK, error);
+    return hint_get(&h->entry) == GUARD_LOST ? check_lost(report, error) : SHMTF_OK;
 }
