@@ -178,11 +178,11 @@ def remove(name: str) -> None:
     """The name and the store's bell.  What is no store is removed too, if it is a shared memory object."""
     check_name(name)
     # garbage has no bell, and who may not look may still be allowed to remove
-    with (
-        contextlib.suppress(StorePermissionError, StoreVersionError),
-        opened(name, True) as fd,
-        contextlib.suppress(StoreError),
-    ):
-        _core.unlink_bell_fd(fd)
+    with contextlib.suppress(StorePermissionError, StoreVersionError), opened(name, True) as fd:
+        try:
+            _core.unlink_bell_fd(fd)
+        except StoreError as error:  # of a store: first its bell, whose name only the store tells
+            if error.sys_errno != errno.ENODEV:
+                raise
     with typed_errors(name):
         posix_ipc.unlink_shared_memory("/" + name)

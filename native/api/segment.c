@@ -157,10 +157,13 @@ shmtf_status shmtf_unlink(const char *name, shmtf_error *error) {
     error_clear(error);
     if (map_path(name, path, sizeof path)) return bad_name(error);
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-    if (fd < 0 && errno == ENOENT) return open_error(error, errno);
+    /* what may not be opened, and what is no file, may still be removed */
+    if (fd < 0 && errno != EACCES && errno != EPERM && errno != ELOOP && errno != ENXIO) return open_error(error, errno);
     if (fd >= 0) {
-        shmtf_unlink_bell_fd(fd, NULL);
+        shmtf_error e; /* the bell first: without the file nobody knows its name */
+        shmtf_status st = shmtf_unlink_bell_fd(fd, &e);
         close(fd);
+        if (st != SHMTF_OK && e.sys_errno != ENODEV) return error_system(error, st, e.sys_errno, e.what, e.hint);
     }
     return unlink(path) ? open_error(error, errno) : SHMTF_OK;
 }

@@ -154,7 +154,8 @@ shmtf_status store_enter_slowly(shmtf_store *h, shmtf_error *e) {
             pthread_mutex_init(&h->mutex, NULL); /* a thread that did not come along may have held it */
             drop_contexts(h, false);
             h->bell_map = NULL;
-            h->bell_tried = false;
+            h->bell_retry_ns = 0;
+            flag_give(&h->has_bell);
             hint_set(&h->entry, h->forks = peer_fork_count());
         }
     }
@@ -162,13 +163,16 @@ shmtf_status store_enter_slowly(shmtf_store *h, shmtf_error *e) {
     return st;
 }
 
+enum { BELL_RETRY_NS = 1000000000 };
+
 bell *store_bell(shmtf_store *h) {
     pthread_mutex_lock(&h->mutex);
-    if (!h->bell_map && !h->bell_tried) {
+    if (!h->bell_map && clock_monotonic_ns() >= h->bell_retry_ns) {
         map_file now = h->file;
         map_stat(h->query_fd, &now); /* by now its name may be gone: then no new bell is made for it */
         h->bell_map = bell_open(h->uuid, &now);
-        h->bell_tried = true;
+        h->bell_retry_ns = clock_monotonic_ns() + BELL_RETRY_NS;
+        flag_put(&h->has_bell, h->bell_map != NULL);
     }
     bell *b = h->bell_map;
     pthread_mutex_unlock(&h->mutex);
@@ -229,7 +233,6 @@ static bool take_idle(shmtf_store *h, write_context **c) {
 
 shmtf_status store_take(shmtf_store *h, write_context **c, shmtf_error *e) {
     if (take_idle(h, c)) return SHMTF_OK;
-    store_bell(h);
     pthread_mutex_lock(&h->mutex);
     shmtf_status st = take_idle(h, c) ? SHMTF_OK : make_context(h, c, e);
     pthread_mutex_unlock(&h->mutex);

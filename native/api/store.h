@@ -42,7 +42,8 @@ struct shmtf_store {
     local_hint *depth, *above; /* see core/lookup.h */
     local_hint64 *checked;
     bell *bell_map;
-    bool bell_tried;
+    local_flag has_bell; /* bell_map is there, and stays */
+    int64_t bell_retry_ns;
     local_flag authority; /* index of `writer` among the authorities; -1: not interned yet */
     local_count commits, aborts, helps, recoveries, rereads, restarts, waits, late_dropped, repeats;
 };
@@ -58,7 +59,10 @@ shmtf_status store_lost(shmtf_error *e);
 static inline shmtf_status store_leave(const shmtf_store *h, shmtf_status status, shmtf_error *e) {
     return hint_get(&h->entry) == GUARD_LOST ? store_lost(e) : status;
 }
+/* The bell, opened or made; NULL if that may not be now.  Tried again a second later: memory or descriptors may be there then,
+ * and a writer without it delays those who wait. */
 bell *store_bell(shmtf_store *h);
+static inline bell *store_has_bell(shmtf_store *h) { return flag_get(&h->has_bell) ? h->bell_map : NULL; }
 
 /* Take a context for this thread; claims a slot if all are in use.  Give it back with store_give. */
 shmtf_status store_take(shmtf_store *h, write_context **c, shmtf_error *e);

@@ -113,7 +113,8 @@ static stage_status attempt(shmtf_store *h, write_context *c, write_job *j, uint
     if (done != TXN_OK) stage_forget_unborn(&j->g);
     if (done != TXN_OK) return done == TXN_CORRUPT ? STAGE_CORRUPT : STAGE_RETRY;
     count_add(&h->commits, 1);
-    if (h->bell_map && bell_is_armed(h->bell_map)) wake_waiters(h->bell_map, x, n);
+    bell *b = store_has_bell(h);
+    if (b && bell_is_armed(b)) wake_waiters(b, x, n);
     return STAGE_OK;
 }
 
@@ -251,6 +252,7 @@ static shmtf_status run(shmtf_store *h, write_job *j, uint64_t *version) {
     if (h->readonly) return error_set(j->e, SHMTF_READ_ONLY, "the store is attached read-only", "attach it without readonly to write");
     stage_status checked = j->kind == WRITE_SET ? stage_check(&j->g) : STAGE_OK;
     if (checked != STAGE_OK) return refuse(h, j, checked);
+    if (!store_has_bell(h)) store_bell(h);
     st = store_take(h, &c, j->e);
     if (st != SHMTF_OK) return store_leave(h, st, j->e);
     j->g.x = &c->x;
