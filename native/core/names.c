@@ -200,6 +200,7 @@ static bool publish_hint(const shmtf_segment *s, const name_key *key, uint64_t h
 bool names_bind_locked(const shmtf_segment *s, uint32_t id, const name_key *key, bool keep_ring, shmtf_frame *out) {
     shmtf_frame_words_t *f = &s->frames[id];
     uint64_t gen = load_relaxed(&f->gen) & ~1ull, version = commit_version(load_acquire(&s->global->commit));
+    if (!(uint32_t)(gen + 2)) gen += 2; /* a handle has its low half, and 0 there means that there is none */
     raise_to(&f->floor, version);
     SHMTF_FAILPOINT("floor-raised");
     raise_old_floor(s, id, version);

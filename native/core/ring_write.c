@@ -62,7 +62,7 @@ bool ring_append_locked(const shmtf_segment *s, ring_writer *w, uint64_t upto, i
     unsigned next = lock_sel(w->lock) ^ 1, newest = w->used ? next : next ^ 1;
     if (w->used && !w->copied) return false;
     uint64_t was = load_relaxed(&f->newest_stamp[newest]), base = info_base(search_base(load_relaxed(&f->newest_search[newest])), count);
-    if (!(w->head & HEAD_BIG) || !count || load_relaxed(&f->newest_tag[newest]) <= upto || (int64_t)was >= stamp ||
+    if (!(w->head & HEAD_BIG) || count - 1 >= HEAD_COUNT_MASK - 1 || load_relaxed(&f->newest_tag[newest]) <= upto || (int64_t)was >= stamp ||
         load_relaxed(&f->newest_edge[newest]) != edge || !ring_bind(s, w->id, w->head, &r))
         return false;
     uint64_t slot = ring_slot(&r, w->head, count + 1), live = shmtf_ring_live(r.log2);
@@ -146,6 +146,7 @@ put_status ring_put_locked(const shmtf_segment *s, ring_writer *w, const ring_re
     }
     uint64_t live = shmtf_ring_live(r.log2);
     if (count - head_count(w->head0) >= shmtf_ring_spare(r.log2)) return PUT_TOO_MANY;
+    if (count == HEAD_COUNT_MASK) return PUT_CORRUPT; /* positions are used up */
     if (!start && count) {
         uint64_t window = count >= live ? count - live + 1 : 1;
         base = info_base(load_relaxed(&r.heads[ring_slot(&r, w->head, count)].info), count);
