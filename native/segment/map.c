@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/vfs.h>
 #include <unistd.h>
@@ -25,6 +26,8 @@ int map_stat(int fd, map_file *file) {
 
 int map_reserve(int fd, uint64_t size_bytes) {
     int e;
+    struct rlimit most;
+    if (!getrlimit(RLIMIT_FSIZE, &most) && size_bytes > most.rlim_cur) return EFBIG; /* or SIGXFSZ would come */
     do e = posix_fallocate(fd, 0, (off_t)size_bytes);
     while (e == EINTR);
     if (e && ftruncate(fd, 0)) return e; /* give back what was reserved; the file is to be dropped anyway */
