@@ -5,6 +5,10 @@
  * NoWait first: at a conflict spin a little (most holders are gone within a microsecond), then release everything and
  * come again later.  After POLITE_ATTEMPTS, or at once with priority, push: keep the locks, wait for the next in id
  * order, and announce it.  Deadlock is impossible: whoever holds and waits, waits upwards.
+ *
+ * A wish is a courtesy, never a lock: who meets an ordinary one comes again once, who meets one with priority lets go of
+ * everything and waits for it, but once a wish and for some milliseconds at most, since its owner may be stopped, and some
+ * times an operation at most.
  */
 #include <errno.h>
 #include <sched.h>
@@ -13,7 +17,16 @@
 #include "api/store.h"
 #include "core/recover.h"
 
-enum { SPIN_PAUSES = 200, POLITE_ATTEMPTS = 8, FREE_RETRIES = 64, PUSH_SLEEP_NS = 50000, MAX_BACKOFF_NS = 1000000 };
+enum {
+    SPIN_PAUSES = 200,
+    POLITE_ATTEMPTS = 8,
+    FREE_RETRIES = 64,
+    PUSH_YIELDS = 16, /* a holder that is not running needs the processor more than we need sleep */
+    PUSH_SLEEP_NS = 50000,
+    COURTESY_SLEEPS = 20, /* of PUSH_SLEEP_NS, and the kernel's slack */
+    MOST_COURTESIES = 8,  /* an operation: those with priority may be many */
+    MAX_BACKOFF_NS = 1000000
+};
 
 typedef enum { WRITE_SET, WRITE_DECLARE, WRITE_REMOVE, WRITE_CLEAR } write_kind;
 
@@ -24,8 +37,9 @@ typedef struct {
     shmtf_ref *ref;     /* remove */
     bool keep_static;   /* clear */
     stage g;
-    int64_t deadline;
+    int64_t deadline; /* valid once first_busy_ns is set */
     int64_t first_busy_ns;
+    int pushes, courtesies;
     const shmtf_write_options *options;
     shmtf_error *e;
 } write_job;
@@ -42,10 +56,20 @@ static stage_status run_stage(write_job *j) {
 /* Is what blocked us still there? */
 static bool still_blocked(const shmtf_store *h, const txn *x) {
     const shmtf_frame_words_t *f = &h->s.frames[x->blocked_id];
-    return load_acquire(&f->lock) == x->blocked_by || load_relaxed(&f->want) == x->blocked_by;
+    return load_acquire(x->wished ? &f->want : &f->lock) == x->blocked_by;
 }
 
 typedef enum { GO_ON, GIVE_UP, BACK_OFF, SIGNALLED } verdict;
+
+/* The time-out runs from the first conflict on. */
+static bool in_time(write_job *j) {
+    int64_t now = clock_monotonic_ns();
+    if (!j->first_busy_ns) {
+        j->first_busy_ns = now;
+        j->deadline = deadline_after(j->options ? j->options->timeout_ns : 0);
+    }
+    return now < j->deadline;
+}
 
 /* Children are locked in id order, but a birth takes any free frame: that must not wait below what is held. */
 static bool waits_upwards(const txn *x) {
@@ -55,7 +79,7 @@ static bool waits_upwards(const txn *x) {
 }
 
 /* A frame is held: spin, see whether its holder lives, recover what the dead left, or wait if we push. */
-static verdict negotiate(shmtf_store *h, write_context *c, const write_job *j) {
+static verdict negotiate(shmtf_store *h, write_context *c, write_job *j) {
     txn *x = &c->x;
     unsigned slot = lock_slot(x->blocked_by);
     for (int i = 0; i < SPIN_PAUSES && still_blocked(h, x); i++) cpu_relax();
@@ -68,10 +92,21 @@ static verdict negotiate(shmtf_store *h, write_context *c, const write_job *j) {
         x->recoveries++;
         return GO_ON;
     }
-    if (!x->pushing || x->n_staged || !waits_upwards(x) || clock_monotonic_ns() >= j->deadline) return BACK_OFF;
+    if (!x->pushing || x->n_staged || !waits_upwards(x) || x->wished || !in_time(j)) return BACK_OFF;
     txn_want(x, x->blocked_id);
-    int err = clock_sleep_ns(PUSH_SLEEP_NS);
-    return err == EINTR ? SIGNALLED : GO_ON;
+    if (j->pushes++ < PUSH_YIELDS) return sched_yield(), GO_ON;
+    return clock_sleep_ns(PUSH_SLEEP_NS) == EINTR ? SIGNALLED : GO_ON;
+}
+
+/* A wish was in the way, and nothing is held any more.  Once is polite, whatever the time-out; one with priority is waited
+ * for. */
+static verdict be_courteous(const shmtf_store *h, txn *x, write_job *j) {
+    if (!wish_first(x->blocked_by)) return GO_ON;
+    for (int i = 0; i < COURTESY_SLEEPS && still_blocked(h, x) && in_time(j); i++)
+        if (clock_sleep_ns(PUSH_SLEEP_NS) == EINTR) return SIGNALLED;
+    x->deferred_to = x->blocked_by;
+    x->defers = ++j->courtesies < MOST_COURTESIES && in_time(j);
+    return GO_ON;
 }
 
 /* After x has committed, having locked n frames. */
@@ -200,19 +235,15 @@ static void count_work(shmtf_store *h, txn *x, int aborts) {
     x->helps = x->recoveries = x->late_dropped = x->repeats = 0;
 }
 
-/* Was it a wish, not a lock, that stood in the way? */
-static bool gave_way(const shmtf_store *h, const txn *x) {
-    return load_relaxed(&h->s.frames[x->blocked_id].want) == x->blocked_by;
-}
-
 /* Attempts until one is through, refused, or out of time. */
 static shmtf_status attempts(shmtf_store *h, write_context *c, write_job *j, uint64_t *version) {
-    int64_t timeout = j->options ? j->options->timeout_ns : 0;
     bool priority = j->options && j->options->priority;
+    c->x.priority = priority;
+    c->x.defers = !priority;
     for (int n = 0, retries = 0;;) {
         verdict v;
         c->x.yields = n == 0 && !priority;
-        c->x.pushing = n >= POLITE_ATTEMPTS || (priority && n > 0);
+        c->x.pushing = n >= POLITE_ATTEMPTS || priority;
         c->x.n_staged = 0;
         stage_status st = attempt(h, c, j, version, &v);
         bool retry = st == STAGE_RETRY, was_held = st == STAGE_HELD;
@@ -222,16 +253,10 @@ static shmtf_status attempts(shmtf_store *h, write_context *c, write_job *j, uin
         if (v == GIVE_UP) return refuse(h, j, STAGE_CORRUPT);
         if (v == SIGNALLED) return error_set(j->e, SHMTF_INTERRUPTED, "waiting for a frame", NULL);
         if (retry && ++retries < FREE_RETRIES) continue; /* somebody else committed: that is progress */
-        if (was_held && c->x.yields && gave_way(h, &c->x)) {
-            n++; /* once is polite, whatever the time-out */
-            continue;
-        }
-        if (!j->first_busy_ns) {
-            j->first_busy_ns = clock_monotonic_ns();
-            j->deadline = deadline_after(timeout);
-        }
-        if (clock_monotonic_ns() >= j->deadline) return busy(h, c, j, was_held);
-        if (back_off(c, n++) == SIGNALLED) return error_set(j->e, SHMTF_INTERRUPTED, "waiting for a frame", NULL);
+        bool wished = was_held && c->x.wished;
+        if (!wished && !in_time(j)) return busy(h, c, j, was_held);
+        if ((wished ? be_courteous(h, &c->x, j) : back_off(c, n)) == SIGNALLED) return error_set(j->e, SHMTF_INTERRUPTED, "waiting for a frame", NULL);
+        n++;
     }
 }
 

@@ -38,16 +38,18 @@ static inline txn_entry *add_entry(txn *x, uint32_t id, uint64_t lock) {
     return e;
 }
 
-static txn_status held(txn *x, uint32_t id, uint64_t by) {
+static txn_status held(txn *x, uint32_t id, uint64_t by, bool wished) {
     x->blocked_id = id;
     x->blocked_by = by;
+    x->wished = wished;
     return TXN_HELD;
 }
 
 /* Give way to a writer that waits for this frame. */
 static bool must_give_way(txn *x, shmtf_frame_words_t *f, uint64_t *want) {
     *want = load_relaxed(&f->want);
-    if (!*want || *want == x->own || !x->yields) return false;
+    if (!*want || lock_tag(*want) == x->own || x->priority) return false;
+    if (!(wish_first(*want) ? x->defers && *want != x->deferred_to : x->yields)) return false;
     if (!recover_want_stale(x->s, *want)) return true;
     cas_acq_rel(&f->want, *want, 0);
     return false;
@@ -61,17 +63,17 @@ txn_status txn_lock_try(txn *x, uint32_t id, txn_entry **entry) {
         lock = load_acquire(&f->lock); /* [E5 acquire] */
         if (lock_owned(lock)) {
             bool helped, recovered;
-            if (recover_resolve(x->s, id, lock, &helped, &recovered) == UNDECIDED) return held(x, id, lock);
+            if (recover_resolve(x->s, id, lock, &helped, &recovered) == UNDECIDED) return held(x, id, lock, false);
             x->helps += helped;
             x->recoveries += recovered;
         } else if (must_give_way(x, f, &want)) {
-            return held(x, id, want);
+            return held(x, id, want, true);
         } else if (cas_acq_rel(&f->lock, lock, x->own | (lock & LOCK_SEL))) {
             e = add_entry(x, id, x->own | (lock & LOCK_SEL));
         }
     }
     if (entry) *entry = e;
-    return e ? TXN_OK : held(x, id, lock);
+    return e ? TXN_OK : held(x, id, lock, false);
 }
 
 txn_status txn_lock_all(txn *x, const uint32_t *id, size_t n) {
@@ -90,12 +92,15 @@ txn_status txn_lock_all(txn *x, const uint32_t *id, size_t n) {
 }
 
 void txn_want(txn *x, uint32_t id) {
-    uint64_t want = load_acquire(&x->s->frames[id].want);
-    if (want == 0 || (want != x->own && recover_want_stale(x->s, want))) cas_acq_rel(&x->s->frames[id].want, want, x->own);
+    shmtf_word *at = &x->s->frames[id].want;
+    uint64_t want = load_acquire(at), mine = x->own | (x->priority ? WISH_PRIORITY : 0);
+    if (want == mine) return;
+    if (!want || (x->priority && !wish_first(want)) || recover_want_stale(x->s, want)) cas_acq_rel(at, want, mine);
 }
 
 void txn_unwant(txn *x, uint32_t id) {
-    if (load_relaxed(&x->s->frames[id].want) == x->own) cas_acq_rel(&x->s->frames[id].want, x->own, 0);
+    uint64_t want = load_relaxed(&x->s->frames[id].want);
+    if (lock_tag(want) == x->own) cas_acq_rel(&x->s->frames[id].want, want, 0);
 }
 
 static void forget(txn *x) {

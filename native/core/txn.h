@@ -46,11 +46,15 @@ typedef struct {
     tree_clears clears;
     bool reshapes;
     bool yields;        /* gives way to announced wishes: once an operation, or a stopped waiter would hold up others */
+    bool defers;        /* gives way to those with priority: to each once, for the same reason */
+    uint64_t deferred_to; /* the last of them */
     bool pushing;       /* waits for locks, in id order, and announces it */
+    bool priority;      /* its wishes go before those of others, and it gives way to nobody */
     size_t n;
     uint64_t n_staged;
     uint32_t blocked_id; /* with TXN_HELD: the frame, and the lock or wish that is in the way */
     uint64_t blocked_by;
+    bool wished;         /* it is a wish */
     uint64_t helps, recoveries, late_dropped, repeats;
 } txn;
 
@@ -83,7 +87,8 @@ txn_status txn_commit(txn *x, uint64_t *version);
 txn_status txn_commit_nothing(txn *x, uint64_t *version);
 /* Release everything, nothing happened. */
 void txn_abort(txn *x);
-/* Announce, or take back, that this transaction waits for a frame. */
+/* Announce, or take back, that this transaction waits for a frame.  One wish stands at a time: the first, but one with
+ * priority takes the place of one without. */
 void txn_want(txn *x, uint32_t id);
 void txn_unwant(txn *x, uint32_t id);
 /* No cycle arises among the newest records: TXN_OK; else the frame in *cyclic and *found. */

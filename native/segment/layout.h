@@ -96,7 +96,7 @@ typedef struct {
     shmtf_word newest_search[2]; /* period:40 | base:24; period: ns since the record before, 0: unknown, a hint */
     shmtf_word ring;    /* offset in the arena | used:1 (bit 5) | log2:5; of the big ring, fixed while a head is about it */
     shmtf_word floor;   /* this life began after this version */
-    shmtf_word want;    /* a waiting writer's lock word, or 0: others give way */
+    shmtf_word want;    /* a waiting writer's lock word, or 0: others give way; with sel: it has priority */
     shmtf_word first;   /* no life of this frame began before this version; 0: it was never bound */
 } shmtf_frame_words_t;
 

@@ -31,6 +31,10 @@ static inline uint64_t lock_tag(uint64_t lock) { return lock & ~LOCK_SEL; }
 static inline uint64_t lock_released(uint64_t lock) { return lock & ~LOCK_OWNED; }
 static inline uint64_t lock_applied(uint64_t lock) { return (lock & ~LOCK_OWNED) ^ LOCK_SEL; }
 
+/* In a frame's `want`, where no lock's sel has a meaning: the one who waits has priority. */
+#define WISH_PRIORITY LOCK_SEL
+static inline bool wish_first(uint64_t want) { return (want & WISH_PRIORITY) != 0; }
+
 #define VERSION_MASK ((1ull << 54) - 1)
 static inline uint64_t commit_make(unsigned slot, uint64_t version) { return (uint64_t)slot << 54 | version; }
 static inline uint64_t commit_version(uint64_t commit) { return commit & VERSION_MASK; }

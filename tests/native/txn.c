@@ -223,6 +223,40 @@ static void check_wants(void) {
     end();
 }
 
+/* A wish with priority takes the place of another, is kept from those who defer to it, and each defers to it once. */
+static void check_wants_with_priority(void) {
+    begin(8);
+    NEED(write_one(&a, edge_at("p", "f", 5, 1)) == STAGE_OK);
+    uint32_t id = id_of(&w, "f");
+    NEED(txn_begin(&a.x) == TXN_OK && txn_begin(&b.x) == TXN_OK);
+    b.x.priority = true;
+    txn_want(&a.x, id);
+    txn_want(&b.x, id);
+    uint64_t wish = load_relaxed(&w.s.frames[id].want);
+    CHECK(wish_first(wish) && lock_tag(wish) == b.x.own);
+    txn_want(&a.x, id); /* does not take it back */
+    txn_unwant(&a.x, id);
+    EQUAL(load_relaxed(&w.s.frames[id].want), wish);
+    a.x.defers = true;
+    EQUAL(write_one(&a, edge_at("p", "f", 6, 2)), STAGE_HELD);
+    CHECK(a.x.blocked_by == wish && a.x.wished);
+    a.x.deferred_to = wish;
+    EQUAL(write_one(&a, edge_at("p", "f", 6, 2)), STAGE_OK);
+    a.x.priority = true;
+    a.x.deferred_to = 0;
+    EQUAL(write_one(&a, edge_at("p", "f", 7, 3)), STAGE_OK); /* among equals nobody gives way */
+    a.x.priority = false;
+    txn_unwant(&b.x, id);
+    EQUAL(load_relaxed(&w.s.frames[id].want), 0);
+    EQUAL(write_one(&a, edge_at("p", "f", 8, 4)), STAGE_OK);
+    NEED(txn_begin(&b.x) == TXN_OK);
+    txn_want(&b.x, id);
+    recover_adopt(&w.s, 1);
+    EQUAL(write_one(&a, edge_at("p", "f", 9, 5)), STAGE_OK); /* of a dead writer */
+    EQUAL(load_relaxed(&w.s.frames[id].want), 0);
+    end();
+}
+
 /* Rings of free frames are taken when no other memory is left. */
 static void check_reclaim(void) {
     begin(AGED_FRAMES);
@@ -249,6 +283,7 @@ int main(void) {
     check_validation();
     check_repeats();
     check_wants();
+    check_wants_with_priority();
     check_reclaim();
     return check_result("txn");
 }
