@@ -13,13 +13,14 @@ static bool chunk_is_free(const shmtf_segment *s, uint64_t c, uint64_t word, uin
     *next = c + 1;
     if (!word) return true;
     if (word == mine || id > s->geo.max_frames) return false;
-    /* The chunk's word was loaded first, then the lock, then the ring: a claimer locks, claims, says so, unlocks. */
+    /* The chunk's word was loaded first, then the lock, then the ring: a claimer locks, claims, says so, unlocks.  If the
+     * lock is another transaction's than the claim, the claimer is done. */
     uint64_t lock = load_acquire(&s->frames[id].lock), ring = load_acquire(&s->frames[id].ring);
     if (ring_word_valid(s, ring)) {
         uint64_t first = ring_word_first(ring), end = first + ring_word_chunks(ring);
         if (c >= first && c < end) return *next = end, false;
     }
-    return !lock_owned(lock) || id == (uint32_t)(mine & 0xffffff);
+    return !lock_owned(lock) || word != claim_make(id, lock);
 }
 
 static bool claim_run(const shmtf_segment *s, uint64_t first, uint64_t n, uint64_t mine) {

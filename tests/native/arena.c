@@ -106,8 +106,44 @@ static void check_refused_claim(void) {
     world_free(&w);
 }
 
+/* A frame had a ring once and has none now: its claims of then are nobody's, although a transaction holds the frame. */
+static void check_claims_of_before(void) {
+    enum { N = 8 };
+    world_make(&w, N, 14, -1, 0, 4);
+    writer other;
+    writer_make(&other, &w, 1);
+    writer_make(&wr, &w, 0);
+    unsigned most = 3;
+    while (ring_word_chunks(ring_word(0, most + 1)) <= w.s.geo.n_chunks) most++;
+    shmtf_transform t[N - 1];
+    static const char *const names[N - 1] = {"a", "b", "c", "d", "e", "g", "h"};
+    for (int i = 0; i < N - 1; i++) t[i] = edge_at("p", names[i], 1, i);
+    for (int holder = 0; holder < 2; holder++) {
+        EQUAL(declare(0, most), STAGE_OK);
+        uint32_t id = id_of(&w, "f0");
+        EQUAL(remove_named(&wr, "f0"), STAGE_OK);
+        if (holder == 0) { /* this transaction itself, to which all frames are born */
+            EQUAL(write_all(&wr, t, N - 1), STAGE_OK);
+            for (int i = 0; i < N - 1; i++) EQUAL(remove_named(&wr, names[i]), STAGE_OK);
+            EQUAL(remove_named(&wr, "p"), STAGE_OK);
+        } else { /* another, which binds it to a name without a ring */
+            shmtf_transform still[1] = {static_edge("p", "q", 1)};
+            store_relaxed(&w.s.global->frame_hint, id - 1);
+            NEED(stage_begin(&other, still, 1) == STAGE_OK && stage_transforms(&other.g) == STAGE_OK);
+            CHECK(lock_owned(load_relaxed(&w.s.frames[id].lock)));
+            EQUAL(write_one(&wr, edge_at("x", "y", 1, 1)), STAGE_OK);
+            stage_end(&other, STAGE_OK);
+        }
+        check_overlap();
+    }
+    writer_free(&other);
+    writer_free(&wr);
+    world_free(&w);
+}
+
 int main(void) {
     check_fragments();
+    check_claims_of_before();
     check_dead_claim();
     check_refused_claim();
     return check_result("arena");
