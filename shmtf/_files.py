@@ -178,11 +178,22 @@ def remove(name: str) -> None:
     """The name and the store's bell.  What is no store is removed too, if it is a shared memory object."""
     check_name(name)
     # garbage has no bell, and who may not look may still be allowed to remove
-    with contextlib.suppress(StorePermissionError, StoreVersionError), opened(name, True) as fd:
-        try:
-            _core.unlink_bell_fd(fd)
-        except StoreError as error:  # of a store: first its bell, whose name only the store tells
-            if error.sys_errno != errno.ENODEV:
-                raise
-    with typed_errors(name):
-        posix_ipc.unlink_shared_memory("/" + name)
+    with contextlib.ExitStack() as stack:
+        fd = None
+        with contextlib.suppress(StorePermissionError, StoreVersionError):
+            fd = stack.enter_context(opened(name, True))
+        if fd is not None:
+            _remove_bell(fd)  # first: who dies here leaves a name to be removed, and only the store tells the bell's name
+        with typed_errors(name):
+            posix_ipc.unlink_shared_memory("/" + name)
+        if fd is not None:
+            with contextlib.suppress(StoreError):
+                _remove_bell(fd)  # a writer may have made one meanwhile, but makes none for a store without a name
+
+
+def _remove_bell(fd: int) -> None:
+    try:
+        _core.unlink_bell_fd(fd)
+    except StoreError as error:
+        if error.sys_errno != errno.ENODEV:  # of a store
+            raise

@@ -135,7 +135,6 @@ shmtf_status shmtf_attach(const char *name, unsigned flags, const char *writer, 
 shmtf_status shmtf_unlink_bell_fd(int fd, shmtf_error *error) {
     map_file file;
     void *page;
-    char path[64];
     error_clear(error);
     peer_fork_guard();
     int err = map_stat(fd, &file);
@@ -147,9 +146,8 @@ shmtf_status shmtf_unlink_bell_fd(int fd, shmtf_error *error) {
     bool ours = load_relaxed(&h->magic) == SHMTF_MAGIC;
     map_release(page, SHMTF_PAGE);
     if (!ours) return SHMTF_OK;
-    bell_path(uuid, path);
-    if (unlink(path) && errno != ENOENT) return error_system(error, SHMTF_SYSTEM, errno, "removing the bell", NULL);
-    return SHMTF_OK;
+    err = bell_remove(uuid);
+    return err && err != ENOENT ? error_system(error, SHMTF_SYSTEM, err, "removing the bell", NULL) : SHMTF_OK;
 }
 
 shmtf_status shmtf_unlink(const char *name, shmtf_error *error) {
@@ -159,13 +157,19 @@ shmtf_status shmtf_unlink(const char *name, shmtf_error *error) {
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     /* what may not be opened, and what is no file, may still be removed */
     if (fd < 0 && errno != EACCES && errno != EPERM && errno != ELOOP && errno != ENXIO) return open_error(error, errno);
-    if (fd >= 0) {
-        shmtf_error e; /* the bell first: without the file nobody knows its name */
-        shmtf_status st = shmtf_unlink_bell_fd(fd, &e);
+    shmtf_error e;
+    shmtf_status st = SHMTF_OK;
+    /* The bell first: if we die here, the name is still there to be removed, and without the file nobody knows the bell's name.
+     * And last: a writer may have made one meanwhile, but makes none for a store without a name. */
+    if (fd >= 0) st = shmtf_unlink_bell_fd(fd, &e);
+    if (st != SHMTF_OK && e.sys_errno != ENODEV) {
         close(fd);
-        if (st != SHMTF_OK && e.sys_errno != ENODEV) return error_system(error, st, e.sys_errno, e.what, e.hint);
+        return error_system(error, st, e.sys_errno, e.what, e.hint);
     }
-    return unlink(path) ? open_error(error, errno) : SHMTF_OK;
+    int err = unlink(path) ? errno : 0;
+    if (fd >= 0) shmtf_unlink_bell_fd(fd, NULL);
+    if (fd >= 0) close(fd);
+    return err ? open_error(error, err) : SHMTF_OK;
 }
 
 shmtf_status shmtf_get_info(shmtf_store *h, shmtf_info *info, shmtf_error *error) {

@@ -171,6 +171,9 @@ bell *store_bell(shmtf_store *h) {
         map_file now = h->file;
         map_stat(h->query_fd, &now); /* by now its name may be gone: then no new bell is made for it */
         h->bell_map = bell_open(h->uuid, &now);
+        /* And by now?  Whoever removes a store removes its name before its bell, so one of us sees the other's work. */
+        if (h->bell_map && now.links && !map_stat(h->query_fd, &now) && now.ino == h->file.ino && now.dev == h->file.dev && !now.links)
+            bell_remove(h->uuid);
         h->bell_retry_ns = clock_monotonic_ns() + BELL_RETRY_NS;
         flag_put(&h->has_bell, h->bell_map != NULL);
     }

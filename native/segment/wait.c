@@ -32,8 +32,14 @@ int clock_sleep_ns(int64_t ns) {
     return clock_nanosleep(CLOCK_MONOTONIC, 0, &t, NULL);
 }
 
-void bell_path(const uint64_t uuid[2], char path[64]) {
+static void bell_path(const uint64_t uuid[2], char path[64]) {
     snprintf(path, 64, "/dev/shm/.shmtf-bell-%016llx%016llx", (unsigned long long)uuid[0], (unsigned long long)uuid[1]);
+}
+
+int bell_remove(const uint64_t uuid[2]) {
+    char path[64];
+    bell_path(uuid, path);
+    return unlink(path) ? errno : 0;
 }
 
 /* Made whole before it has a name, like the store. */
