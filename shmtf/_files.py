@@ -183,7 +183,7 @@ def remove(name: str) -> None:
         with contextlib.suppress(StorePermissionError, StoreVersionError):
             fd = stack.enter_context(opened(name, True))
         if fd is not None:
-            _remove_bell(fd)  # first: who dies here leaves a name to be removed, and only the store tells the bell's name
+            _remove_bell(fd)  # first: only the store tells its name, and who dies here leaves a store to remove
         with typed_errors(name):
             posix_ipc.unlink_shared_memory("/" + name)
         if fd is not None:

@@ -11,11 +11,16 @@ import textwrap
 import uuid
 from collections.abc import Callable, Iterator
 
+import hypothesis
 import pytest
 
 import shmtf
 
 SHM = "/dev/shm"
+
+# a loaded machine is no finding
+hypothesis.settings.register_profile("no deadline", deadline=None)
+hypothesis.settings.load_profile("no deadline")
 
 
 @pytest.fixture
