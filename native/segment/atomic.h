@@ -122,9 +122,13 @@ static inline void store32_relaxed(shmtf_word32 *w, uint32_t v) {
     atomic_store_explicit(w, v, memory_order_relaxed);
 }
 static inline uint32_t load32_acquire(const shmtf_word32 *w) {
+    shmtf_step(SHMTF_STEP_LOAD, (const void *)w);
     return atomic_load_explicit(w, memory_order_acquire);
 }
-static inline void increment32(shmtf_word32 *w) { atomic_fetch_add_explicit(w, 1, memory_order_acq_rel); }
+static inline void increment32(shmtf_word32 *w) {
+    shmtf_step(SHMTF_STEP_STORE, (const void *)w);
+    atomic_fetch_add_explicit(w, 1, memory_order_acq_rel);
+}
 
 static inline void fence_acquire(void) { atomic_thread_fence(memory_order_acquire); }
 static inline void fence_release(void) { atomic_thread_fence(memory_order_release); }

@@ -2,14 +2,14 @@
  *
  * A writer that kills or stops itself inside one write.
  *
- * usage: failpoint_writer STORE OP VALUE [--at NAME [--nth N] | --step K] [--signal KILL|STOP] [--list]
+ * usage: failpoint_writer STORE OP VALUE [--at NAME [--nth N]] [--signal KILL|STOP] [--list]
  *
  * OP     update  a, b and c below "root" to VALUE, at stamp 10 VALUE, but b late, at 10 VALUE - 15
  *        birth   a new frame "n" below a new frame "m"
  *        remove  "a"       clear   all but static records       declare   a new frame "d" with a history of 40
  *        fixed   a and c become static
- * --at   the N-th time it comes to this failpoint; --step: before its K-th access to the segment
- * --list prints "NAME N" per failpoint that the write comes by, and "steps N"
+ * --at   the N-th time it comes to this failpoint
+ * --list prints "NAME N" per failpoint that the write comes by
  * Exit code 0: the write was done; 3: it was refused, with the reason on stderr.
  */
 #define _GNU_SOURCE
@@ -19,14 +19,13 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "segment/atomic.h"
 #include "segment/failpoint.h"
 #include "shmtf.h"
 
 enum { MOST_NAMES = 64 };
 
 static int armed, signal_number;
-static long steps, step_wanted = -1, nth_wanted = 1;
+static long nth_wanted = 1;
 static const char *name_wanted;
 static const char *seen[MOST_NAMES];
 static long seen_count[MOST_NAMES];
@@ -34,12 +33,6 @@ static long seen_count[MOST_NAMES];
 static void halt(void) {
     armed = 0;
     if (kill(getpid(), signal_number)) abort();
-}
-
-void shmtf_step(int kind, const void *word) {
-    (void)kind;
-    (void)word;
-    if (armed && steps++ == step_wanted) halt();
 }
 
 void shmtf_failpoint(const char *name) {
@@ -89,7 +82,6 @@ int main(int argc, char **argv) {
         if (!strcmp(argv[i], "--list")) list = 1;
         else if (!strcmp(argv[i], "--at")) name_wanted = more, i++;
         else if (!strcmp(argv[i], "--nth")) nth_wanted = atol(more), i++;
-        else if (!strcmp(argv[i], "--step")) step_wanted = atol(more), i++;
         else if (!strcmp(argv[i], "--signal")) signal_number = !strcmp(more, "STOP") ? SIGSTOP : SIGKILL, i++;
         else return 2;
     }
@@ -102,7 +94,6 @@ int main(int argc, char **argv) {
     armed = 0;
     if (list) {
         for (int i = 0; i < MOST_NAMES && seen[i]; i++) printf("%s %ld\n", seen[i], seen_count[i]);
-        printf("steps %ld\n", steps);
     }
     if (st) fprintf(stderr, "%s\n", shmtf_error_message(&e, text, sizeof text));
     shmtf_close(h);

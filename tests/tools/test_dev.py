@@ -15,7 +15,7 @@ def test_explains_itself_without_arguments() -> None:
     done = run()
     assert done.returncode == 0
     lines = done.stdout.splitlines()[1:]
-    assert [line.split()[0] for line in lines] == ["setup", "build", "test", "demo", "check", "bench", "native", "ci"]
+    assert [line.split()[0] for line in lines] == ["setup", "build", "test", "demo", "check", "bench", "native", "prove", "ci"]
 
 
 def test_unknown_command_is_an_error() -> None:
