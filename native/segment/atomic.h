@@ -5,6 +5,7 @@
  *
  * STEP hooks: with SHMTF_STEPS defined each shared access calls shmtf_step() with its address first, so that a test can count
  * the stores of an operation, die or stop before the k-th, or hand control to a scheduler.  Shipped builds have none.
+ * tests/prove verifies that no byte of a segment or of its bell changes without a step that names its word.
  */
 #ifndef SHMTF_SEGMENT_ATOMIC_H
 #define SHMTF_SEGMENT_ATOMIC_H

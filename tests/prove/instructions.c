@@ -5,8 +5,8 @@
  *
  * usage: prove_instructions [--quick] [--seed N] [--operation NAME] [--jobs N] [--budget SECONDS]
  *
- * killed  a real process is stepped n instructions and gets SIGKILL, for n = 0, 1, 2, ..; to get to the n-th takes n steps,
- *         so long operations are killed at every n-th, so that each takes about the budget (an offset comes from the seed)
+ * killed  a real process executes n instructions and gets SIGKILL, for n = 0, 1, 2, ..; long operations are killed after
+ *         every such-and-such-th only, so that each takes about the budget (an offset comes from the seed)
  * states  between two changes of the store all deaths leave the same memory: in one run the store is copied after
  *         every instruction that changed it, into a second store in which the writer is dead, and that is checked.
  *         So all instructions of long operations are covered too.
@@ -22,10 +22,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "prove.h"
+#include "ptraced.h"
 #include "segment/layout.h"
 
-enum { MOST_JOBS = 16, MOST_INSTRUCTIONS = 1 << 20, MOST_FAILURES = 4, SKIPPED = 77 };
+enum { MOST_JOBS = 16, MOST_FAILURES = 4, SKIPPED = 77 };
 
 static const char *const in_full[] = {"one", "late", "late-again", "three", "64", "birth", "reparent", "remove", "clear", "static", "dynamic",
     "mixture", "declare", "claim", "adopt-undecided", "adopt-committed", "meet-undecided", "meet-committed"};
@@ -33,9 +33,9 @@ static const char *const in_short[] = {"one", "three", "birth", "claim", "adopt-
 
 typedef struct {
     tally t;
-    uint64_t instructions, stride, states;
+    uint64_t instructions, states;
+    _Atomic uint64_t stride;
     int refused;
-    unsigned char state[MOST_INSTRUCTIONS];
 } row;
 
 typedef struct {
@@ -79,8 +79,8 @@ static void act(void *role_) {
     raise(SIGSTOP);
     if (!h) h = attach_or_die(a->w, 0, "victim");
     shmtf_status st = a->op->run(h, &e);
-    *a->done = 1;
-    _exit(st != SHMTF_OK);
+    *a->done = st == SHMTF_OK ? 1 : 2;
+    raise(SIGSTOP);
 }
 
 static pid_t start_victim(const job *j, world *w, const operation *op, _Atomic int *done) {
@@ -97,34 +97,26 @@ static pid_t start_victim(const job *j, world *w, const operation *op, _Atomic i
     _exit(SKIPPED);
 }
 
-static bool step(pid_t pid, const _Atomic int *done) {
-    if (*done) return false;
-    if (ptrace(PTRACE_SINGLESTEP, pid, NULL, NULL)) die("a step is refused");
-    int status = wait_for(pid, 0);
-    if (!WIFSTOPPED(status)) die("the writer ended in the middle: status %#x", (unsigned)status);
-    return true;
-}
-
 static void end(pid_t pid) {
     kill(pid, SIGKILL);
     wait_for(pid, 0);
 }
 
 static verdict verdict_of(const job *j, reference *ref, recovery how, uint64_t n, const char *what) {
-    verdict v = {.ref = ref, .t = &j->r->t, .allowed = 1u << BEFORE | 1u << AFTER, .how = how, .second = j->op->first != NULL};
+    verdict v = {.ref = ref, .t = &j->r->t, .how = how, .second = j->op->first != NULL};
     v.thorough = n % 16 == 0;
     snprintf(v.label, sizeof v.label, "%s instruction %llu", what, (unsigned long long)n);
     return v;
 }
 
-/* BEFORE or AFTER, or -1 after a failure. */
-static int check(const job *j, world *w, verdict *v) {
+/* The commit word alone decides what must be seen. */
+static void check(const job *j, world *w, verdict *v, uint64_t version_before) {
     world_hold_first_slot(w, v->how != BY_MEETING && !j->op->meets);
+    v->allowed = 1u << (world_version(w) > version_before ? AFTER : BEFORE);
     int status = wait_for(start_process(check_after_death, v), 0);
-    if (WIFEXITED(status) && WEXITSTATUS(status) <= AFTER) return WEXITSTATUS(status);
+    if (WIFEXITED(status) && WEXITSTATUS(status) <= AFTER) return;
     j->r->t.failures++;
     fprintf(stderr, "%s, %s: status %#x\n", j->op->name, v->label, (unsigned)status);
-    return -1;
 }
 
 /* ---- trials --------------------------------------------------------------------------------------------------- */
@@ -133,24 +125,20 @@ typedef struct {
     world w, copy;
     reference ref, copy_ref;
     unsigned char *base, *now, *before;
+    uint64_t version;
+    course *course;
     _Atomic int *done;
 } stand;
-
-static uint64_t commit_word(const world *w) {
-    uint64_t word;
-    memcpy(&word, w->memory + SHMTF_PAGE, sizeof word);
-    return word;
-}
 
 /* Another writer, in slot 1, died: how far it came is told by the commit word. */
 static void die_first(const job *j, stand *s) {
     const operation *op = j->op, *first = operation_named(op->first);
-    uint64_t old = commit_word(&s->w), at = 0, n = 0;
+    uint64_t old = world_version(&s->w), at = 0, n = 0;
     for (int round = 0; round < 2; round++) {
         world_restore(&s->w, s->base);
         pid_t pid = start_victim(j, &s->w, first, s->done);
         uint64_t until = round && op->died < DIED_COMMITTED ? at - 20 : UINT64_MAX;
-        for (n = 0; n < until && commit_word(&s->w) == old && step(pid, s->done); n++) {}
+        for (n = 0; n < until && world_version(&s->w) == old && ptraced_step(pid, s->done); n++) {}
         end(pid);
         at = n;
         if (op->died >= DIED_COMMITTED) break;
@@ -164,78 +152,76 @@ static void stand_make(const job *j, stand *s) {
     s->base = world_new_image(&s->w);
     s->now = world_new_image(&s->w);
     s->before = world_new_image(&s->w);
+    s->course = course_new();
     s->done = shared_memory(sizeof *s->done);
     world_save(&s->w, s->base);
     if (j->op->first) die_first(j, s);
+    s->version = world_version(&s->w);
     reference_make(&s->ref, &s->w, j->op, s->base);
     reference_make(&s->copy_ref, &s->copy, j->op, s->base);
 }
 
-/* One run from the first to the last instruction; each state of the store is checked as if the writer died in it. */
-static uint64_t check_states(const job *j, stand *s, bool check_them) {
+/* One run from the first to the last instruction: its course; and each state of the store is checked as if the writer
+ * died in it. */
+static void follow(const job *j, stand *s) {
     uint64_t n = 0, states = 0;
+    int64_t began = now_ns(), spent = 0;
     world_restore(&s->w, s->base);
     pid_t pid = start_victim(j, &s->w, j->op, s->done);
     world_save(&s->w, s->before);
-    for (; step(pid, s->done); n++) {
-        if (!check_them || !memcmp(s->before, s->w.memory, s->w.size)) continue;
+    for (course_note(s->course, 0, pid); ptraced_step(pid, s->done); course_note(s->course, n, pid)) {
+        n++;
+        if (j->quick || !memcmp(s->before, s->w.memory, s->w.size)) continue;
+        int64_t changed = now_ns();
         world_save(&s->w, s->before);
         if (states++ % j->jobs != j->index) continue;
         world_restore(&s->copy, s->before);
         verdict v = verdict_of(j, &s->copy_ref, (recovery)(states / j->jobs % 3), n, "the state after");
-        check(j, &s->copy, &v);
+        check(j, &s->copy, &v, s->version);
+        spent += now_ns() - changed;
         if (j->r->t.failures > MOST_FAILURES) break;
     }
     end(pid);
-    if (check_them && j->index == 0) j->r->states = states;
-    return n;
+    course_end(s->course, n, (double)(now_ns() - began - spent) * 1e-9);
+    if (j->index == 0) j->r->states = states;
 }
 
-static bool kill_after(const job *j, stand *s, uint64_t n) {
+static void kill_after(const job *j, stand *s, uint64_t n) {
     world_restore(&s->w, s->base);
     pid_t pid = start_victim(j, &s->w, j->op, s->done);
-    bool whole = true;
-    for (uint64_t i = 0; i < n && whole; i++) whole = step(pid, s->done);
+    course_run_to(s->course, n, pid, s->done);
     end(pid);
+    if (*s->done == 2) die("%s: refused", j->op->name);
     j->r->t.killed++;
     verdict v = verdict_of(j, &s->ref, (recovery)(n % 3), n, "killed after");
-    int state = check(j, &s->w, &v);
-    if (state >= 0 && n < MOST_INSTRUCTIONS) j->r->state[n] = (unsigned char)(1 + state);
-    return whole && j->r->t.failures <= MOST_FAILURES;
+    check(j, &s->w, &v, s->version);
+}
+
+/* So that all of it takes about the budget; all workers have that of the first. */
+static uint64_t choose_stride(const job *j, const course *c) {
+    const double each_s = 0.003 + c->mean_cost * c->each_s, share_s = j->budget_s * j->jobs;
+    if (!j->index) {
+        j->r->instructions = c->n;
+        j->r->stride = 1 + (uint64_t)((double)c->n * each_s / share_s);
+    }
+    while (!j->r->stride) usleep(1000);
+    return j->r->stride;
 }
 
 static void work(void *job_) {
     const job *j = job_;
     static stand s;
-    alarm(0);
     stand_make(j, &s);
-    int64_t began = now_ns();
-    uint64_t n = check_states(j, &s, false);
-    double each = (double)(now_ns() - began) * 1e-9 / (double)n; /* seconds a step */
-    double share = j->budget_s * j->jobs, all = (double)n * (double)n / 2 * each;
-    uint64_t stride = all > share ? (uint64_t)(all / share) + 1 : 1;
-    while (!__atomic_load_n(&j->r->stride, __ATOMIC_SEQ_CST) && j->index) usleep(1000); /* all workers have that of the first */
-    if (!j->index) j->r->instructions = n, __atomic_store_n(&j->r->stride, stride, __ATOMIC_SEQ_CST);
-    stride = j->r->stride;
-    for (uint64_t k = j->seed % stride + j->index * stride; kill_after(j, &s, k); k += j->jobs * stride) {}
-    if (!j->quick) check_states(j, &s, true);
+    alarm(0); /* from here on every process has a watchdog of its own */
+    follow(j, &s);
+    uint64_t stride = choose_stride(j, s.course);
+    for (uint64_t n = j->seed % stride + j->index * stride; n <= s.course->n && j->r->t.failures <= MOST_FAILURES; n += j->jobs * stride)
+        kill_after(j, &s, n);
     world_drop(&s.w);
     world_drop(&s.copy);
 }
 
 /* ---- the table ------------------------------------------------------------------------------------------------ */
-
-static void check_order(const operation *op, row *r) {
-    unsigned char last = 1;
-    for (uint64_t n = 0; n < MOST_INSTRUCTIONS; n++) {
-        if (!r->state[n]) continue;
-        if (r->state[n] < last) {
-            fprintf(stderr, "%s: killed after instruction %llu, a commit was lost\n", op->name, (unsigned long long)n);
-            r->t.failures++;
-        }
-        last = r->state[n];
-    }
-}
 
 /* False: ptrace is refused. */
 static bool run_operation(job j, row *r) {
@@ -255,7 +241,6 @@ static bool run_operation(job j, row *r) {
     }
     remove_stores();
     if (r->refused) return false;
-    check_order(j.op, r);
     printf("%-36s %12llu %9llu %7llu %8llu %9llu\n", j.op->what, (unsigned long long)r->instructions, (unsigned long long)r->stride,
            (unsigned long long)r->t.killed, (unsigned long long)r->states, (unsigned long long)r->t.failures);
     fflush(stdout);

@@ -28,11 +28,16 @@ spec.loader.exec_module(model)
 
 def caught_by(native: Path, work: Path) -> str | None:
     program = work / "prove"
-    sources = [*(PROVE / f"{name}.c" for name in SHARED), *(p for d in ("segment", "core", "api") for p in sorted((native / d).glob("*.c")))]
+    sources = [
+        *(PROVE / f"{name}.c" for name in SHARED),
+        *(p for d in ("segment", "core", "api") for p in sorted((native / d).glob("*.c"))),
+    ]
     include = [f"-I{p}" for p in (native, native / "include")]
     subprocess.run(["cc", *FLAGS, *include, *map(str, sources), "-lm", "-o", str(program)], check=True)
     try:
-        done = subprocess.run([str(program), "--quick"], check=False, capture_output=True, text=True, timeout=WATCHDOG_S)
+        done = subprocess.run(
+            [str(program), "--quick"], check=False, capture_output=True, text=True, timeout=WATCHDOG_S
+        )
     except subprocess.TimeoutExpired:
         return "does not end"
     if done.returncode == 0:

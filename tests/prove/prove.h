@@ -11,9 +11,10 @@
  *   view.c          all that readers see, as numbers to compare
  *   check.c         what a fresh process verifies after a death: all or nothing, recovery, the next writers
  *   trial.c         kill, second kill and stop, before the k-th store    (program `prove`, built with step hooks)
- *   announce.c      no store escapes the count                           (program `prove`)
+ *   hook.c          counts stores, halts before one, sees that none escapes the count
  *   prove.c         the loops, the workers and the table                 (program `prove`)
- *   instructions.c  kill after the n-th machine instruction              (program `prove_instructions`, built as shipped)
+ *   ptraced.c       to the n-th machine instruction                      (program `prove_instructions`, built as shipped)
+ *   instructions.c  kill after the n-th machine instruction
  */
 #ifndef SHMTF_TESTS_PROVE_H
 #define SHMTF_TESTS_PROVE_H
@@ -52,6 +53,7 @@ void world_restore(const world *w, const unsigned char *image);
 /* While slot 0 is held, the next process claims slot 1, which victims use: it adopts.  While it is not, the next
  * process claims slot 0 and meets what a victim left in slot 1. */
 void world_hold_first_slot(world *w, bool hold);
+uint64_t world_version(const world *w); /* of the last commit, read raw */
 const char *world_name(uint32_t i, char buffer[16]);
 
 void *shared_memory(uint64_t size);

@@ -93,16 +93,20 @@ static verdict verdict_of(bench *b, unsigned allowed, recovery how, bool thoroug
     return (verdict){.ref = &b->ref, .t = b->t, .allowed = allowed, .how = how, .second = b->ref.op->first != NULL, .thorough = thorough};
 }
 
+/* The commit word alone decides what must be seen. */
+static unsigned allowed_now(const bench *b) { return 1u << (world_version(b->w) > b->version ? AFTER : BEFORE); }
+
 int kill_at(bench *b, uint64_t k, bool all_ways, bool thorough) {
     int seen = -1;
     if (!make_dead(b, k)) return -1;
+    const unsigned allowed = allowed_now(b);
     *(b->ref.op->first ? &b->t->killed_twice : &b->t->killed) += 1;
     for (int way = 0; way < 3; way++) {
         recovery how = (recovery)((k + (uint64_t)way) % 3);
         if (way && !all_ways) break;
         if (way) world_restore(b->w, b->dead);
         set_slot_after(b, b->ref.op->meets, how == BY_MEETING);
-        verdict v = verdict_of(b, 1u << BEFORE | 1u << AFTER, how, thorough);
+        verdict v = verdict_of(b, allowed, how, thorough);
         v.phase = (uint32_t)k;
         snprintf(v.label, sizeof v.label, "killed before store %llu, recovery %d", (unsigned long long)k, how);
         int status = wait_for(start_process(check_after_death, &v), 0);
@@ -211,7 +215,7 @@ bool stop_at(bench *b, uint64_t k, bool crowd, bool thorough) {
     int status = wait_for(victim, WUNTRACED);
     if (!WIFSTOPPED(status)) return failure(b, "nobody stopped", k, 0, status);
     b->t->stopped++;
-    beside s = {verdict_of(b, 1u << BEFORE | 1u << AFTER, BY_ADOPTING, thorough), victim, crowd};
+    beside s = {verdict_of(b, allowed_now(b), BY_ADOPTING, thorough), victim, crowd};
     s.v.phase = (uint32_t)k;
     snprintf(s.v.label, sizeof s.v.label, "stopped before store %llu", (unsigned long long)k);
     int beside_status = wait_for(start_process(check_beside, &s), 0);
@@ -255,6 +259,7 @@ void bench_make(bench *b, world *w, const operation *op, tally *t, uint64_t seed
     b->ref.op = op;
     b->ref.w = w;
     if (op->first) die_first(b);
+    b->version = world_version(w);
     reference_make(&b->ref, w, op, b->base);
 }
 

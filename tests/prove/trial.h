@@ -24,6 +24,7 @@ typedef struct {
     reference ref;
     unsigned char *base, *dead; /* images: before the operation, and after the death of its writer */
     step_count *count;
+    uint64_t version;           /* of the base */
     tally *t;
     uint64_t seed;
 } bench;

@@ -3,8 +3,8 @@
  * All that a reader can learn about every frame, as words that can be compared.
  *
  * Handles are left out (ids and generations may differ after a death), and the capacity of static frames (a dead writer may
- * have given one a ring); names, parents, poses, stamps, commits and
- * authorities are in.  Of a large world the costly words are read for a part of the frames each time.
+ * have given one a ring); names, parents, poses, stamps, commits and authorities are in.  Of a large world the costly
+ * words are read for a part of the frames each time.
  */
 #include <stdio.h>
 #include <stdlib.h>

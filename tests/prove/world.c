@@ -16,6 +16,8 @@
 #include <unistd.h>
 
 #include "prove.h"
+#include "segment/layout.h"
+#include "segment/lock.h"
 #include "segment/peer.h"
 #include "segment/wait.h"
 
@@ -109,6 +111,12 @@ void world_save(const world *w, unsigned char *image) {
 void world_restore(const world *w, const unsigned char *image) {
     memcpy(w->memory, image, w->size);
     memcpy(w->bell_page, image + w->size, BELL_PAGE);
+}
+
+uint64_t world_version(const world *w) {
+    uint64_t word;
+    memcpy(&word, w->memory + SHMTF_PAGE, sizeof word); /* the commit word is the first behind the header */
+    return commit_version(word);
 }
 
 void world_hold_first_slot(world *w, bool hold) {
