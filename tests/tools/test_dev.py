@@ -14,8 +14,10 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 def test_explains_itself_without_arguments() -> None:
     done = run()
     assert done.returncode == 0
-    lines = done.stdout.splitlines()[1:]
-    assert [line.split()[0] for line in lines] == ["setup", "build", "test", "demo", "check", "bench", "native", "prove", "ci"]
+    commands = [line.split()[0] for line in done.stdout.splitlines()[1:] if line[2] != " "]
+    assert commands[:7] == ["setup", "build", "test", "demo", "check", "bench", "native"]
+    assert "prove" in commands
+    assert commands[-1] == "ci"
 
 
 def test_unknown_command_is_an_error() -> None:
