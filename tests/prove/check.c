@@ -11,6 +11,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "core/ring.h"
 #include "prove.h"
 
 void raise_worst(_Atomic int64_t *worst, int64_t ns) {
@@ -91,6 +92,25 @@ static void recover(const verdict *v, shmtf_store *h, int state) {
     check_idle_repair(v, h);
 }
 
+/* Every frame exists now: what their rings do not take must be free. */
+static void check_arena(const verdict *v, shmtf_store *h) {
+    enum { MOST = 1100 };
+    static shmtf_frame frames[MOST];
+    shmtf_info info;
+    shmtf_error e;
+    size_t n;
+    uint64_t used = 0;
+    must(shmtf_get_info(h, &info, &e), &e, "info");
+    must(shmtf_frames(h, NULL, frames, MOST, &n, &e), &e, "frames");
+    if (n != info.config.max_frames) wrong(v, "a frame is lost", "");
+    for (size_t i = 0; i < n; i++) {
+        shmtf_frame_info frame;
+        must(shmtf_get_frame_info(h, NULL, shmtf_by_handle(frames[i]), &frame, &e), &e, "frame info");
+        if (frame.capacity > shmtf_ring_live(SHMTF_INLINE_LOG2)) used += ring_word_chunks(ring_word(0, shmtf_ring_log2_for(frame.capacity)));
+    }
+    if (used + info.n_chunks_free != info.n_chunks) wrong(v, "memory for rings is lost", "");
+}
+
 static void probe(const verdict *v, shmtf_store *h) {
     shmtf_error e;
     char buffer[16];
@@ -103,6 +123,7 @@ static void probe(const verdict *v, shmtf_store *h) {
         must(shmtf_lookup_latest_transform(h, NULL, shmtf_by_name(parent_name_of(name)), shmtf_by_name(name), 0, &r, &e), &e, "probing");
         if (r.stamp_ns != 900 || r.pose.x != 900) wrong(v, "a later write does not last:", name);
     }
+    check_arena(v, h);
     check_clean(v, h);
 }
 
