@@ -54,6 +54,10 @@ static shmtf_status check_header(shmtf_store *h, shmtf_geometry *geo, shmtf_erro
 static shmtf_status open_file(shmtf_store *h, int fd, shmtf_error *e) {
     int err = map_reopen(fd, 0, &h->query_fd);
     if (!err) err = map_stat(h->query_fd, &h->file);
+    if (err && h->query_fd >= 0) {
+        close(h->query_fd);
+        h->query_fd = -1;
+    }
     if (err == ENODEV) return error_system(e, SHMTF_VERSION, err, "not a regular file in shared memory (tmpfs)", NULL);
     if (err) return error_system(e, SHMTF_SYSTEM, err, "opening the store", NULL);
     return SHMTF_OK;
@@ -113,6 +117,13 @@ static void drop_contexts(shmtf_store *h, bool mapped) {
     flag_give(&h->n_contexts);
 }
 
+/* Is the descriptor that of another file?  Its number may have been closed, and taken by somebody else, whose it is then. */
+static bool is_stolen(int fd, const map_file *file) {
+    map_file now;
+    int err = map_stat(fd, &now);
+    return err ? err == ENODEV || err == EBADF : now.dev != file->dev || now.ino != file->ino;
+}
+
 void shmtf_close(shmtf_store *h) {
     if (!h) return;
     map_file now;
@@ -124,7 +135,7 @@ void shmtf_close(shmtf_store *h) {
         bell_close(h->bell_map);
         map_release(h->base, h->s.geo.size_bytes);
     }
-    if (h->query_fd >= 0) close(h->query_fd);
+    if (h->query_fd >= 0 && !is_stolen(h->query_fd, &h->file)) close(h->query_fd);
     pthread_mutex_destroy(&h->mutex);
     free(h->depth);
     free(h->above);
@@ -143,8 +154,7 @@ shmtf_status store_enter_slowly(shmtf_store *h, shmtf_error *e) {
     peer_fork_lock(); /* several threads of the child may come first */
     if (h->forks != peer_fork_count()) {
         shmtf_geometry geo = h->s.geo;
-        map_file now;
-        if (map_stat(h->query_fd, &now) || now.dev != h->file.dev || now.ino != h->file.ino)
+        if (is_stolen(h->query_fd, &h->file))
             st = error_set(e, SHMTF_CLOSED, "the descriptor inherited over fork was closed", "attach again in the child");
         else st = map_segment(h, &geo, e);
         if (st == SHMTF_OK) {
