@@ -73,7 +73,9 @@ def program() -> Callable[[str], str]:
 def python() -> Callable[..., str]:
     """Runs Python code to its end, behind a command if one is given, and returns what it printed."""
 
-    def run(code: str, *args: object, before: tuple[str, ...] | list[str] = (), flags: tuple[str, ...] = (), **env: str) -> str:
+    def run(
+        code: str, *args: object, before: tuple[str, ...] | list[str] = (), flags: tuple[str, ...] = (), **env: str
+    ) -> str:
         done = subprocess.run(
             [*before, sys.executable, *flags, "-c", textwrap.dedent(code), *map(str, args)],
             check=False,

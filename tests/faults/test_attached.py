@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Attached processes: those that only read change nothing, those that end remove nothing, and a name that is unlinked and
-made anew is another store.  Tier: test."""
+"""Attached processes: those that only read change nothing, those that end remove nothing, and a name that is unlinked
+and made anew is another store.  Tier: test."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ READS = """
                     lambda: store.wait_for_change(source, timeout=0.001),
                     lambda: store.set_transform(shmtf.Transform(target, source, 70)),
                     lambda: store.set_transforms([shmtf.Transform(target, source, 70)]),
-                    lambda: store.remove_frame(source), lambda: store.clear(), lambda: store.declare_frame(source, history=4),
+                    lambda: store.remove_frame(source), store.clear,
+                    lambda: store.declare_frame(source, history=4),
                 ):
                     try:
                         read()
@@ -164,7 +165,7 @@ if __name__ == "__main__":
 
 
 def test_the_old_and_the_new_store_of_a_name(store_name: str) -> None:
-    """Those who were there keep the old one, whoever comes gets the new one, and nobody's waiter is woken by the other."""
+    """Who was there keeps the old one, who comes gets the new one, and no waiter is woken by the other."""
     with Store.create(store_name, **SMALL) as old, Store.attach(store_name, readonly=True) as old_reader:
         old.set_transform(Transform("map", "a", 1))
         answers: list[int] = []

@@ -155,7 +155,7 @@ DESCRIPTORS = """
 
 @pytest.mark.parametrize("how", ["closerange", "dup2"])
 def test_descriptors_taken_away(python: Callable, store_name: str, how: str) -> None:
-    """What is mapped works on; a forked child says that it cannot; the library closes no descriptor that is not its own."""
+    """What is mapped works on; a forked child says that it cannot; no descriptor of somebody else is closed."""
     assert python(DESCRIPTORS, store_name, how) == "7\n"
 
 

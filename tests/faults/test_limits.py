@@ -16,7 +16,7 @@ EVERY_CALL = """
     SMALL = dict(max_frames=8, history=6, stream_bytes=0)
     T = shmtf.Transform
     def stock():
-        gc.collect()
+        gc.collect(0)
         with open("/proc/self/maps") as maps:
             mapped = sum(name in line for line in maps)
         names = sorted(n for n in os.listdir("/dev/shm") if name in n or n.startswith(".shmtf-new"))
@@ -69,7 +69,7 @@ EVERY_CALL = """
             made = None
         if bell and os.path.exists(bell):
             os.unlink(bell)
-            assert tested == "unlink" and error in (errno.EACCES, errno.ENOENT), (tested, n, error, "a bell is left")
+            assert tested == "unlink" and error == errno.EACCES, (tested, n, error, "a bell is left")
         store = None
         after = stock()
         assert after == before, (tested, n, error, before, after)
@@ -78,7 +78,7 @@ EVERY_CALL = """
     n_calls = 0
     for step in steps:
         for n in range(200):
-            hit = [live(step, n, error) for error in (errno.ENOMEM, errno.EMFILE, errno.EACCES, errno.ENOENT, errno.EIO)]
+            hit = [live(step, n, error) for error in (errno.ENOMEM, errno.EMFILE, errno.EACCES)]
             if not any(hit):
                 break
             n_calls += 1
@@ -173,11 +173,11 @@ def test_no_address_space(limited: Callable[[str], str]) -> None:
     assert limited(code) == "room again\n"
 
 
-@pytest.mark.parametrize("which", ["RLIMIT_MEMLOCK", "RLIMIT_FSIZE", "RLIMIT_STACK", "RLIMIT_CORE", "RLIMIT_SIGPENDING"])
+@pytest.mark.parametrize("which", ["MEMLOCK", "FSIZE", "STACK", "CORE", "SIGPENDING"])
 def test_limits_that_do_not_matter_once_attached(limited: Callable[[str], str], which: str) -> None:
     """A file-size limit of 4 KiB has room for a bell, and a write through a mapping is no write to a file."""
     code = f"""
-        limit(resource.{which}, 4096)
+        limit(resource.RLIMIT_{which}, 4096)
         with shmtf.Store.attach(name) as other:
             other.set_transforms([T("map", f"f{{i}}", 1) for i in range(9)])
             try:

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 from collections.abc import Callable
 
 import pytest
@@ -18,7 +19,8 @@ from .conftest import SMALL, WATCHDOG_S, path_of
 
 EVERY_CALL = """
     import faulthandler, os, sys, threading, shmtf
-    name, other, bytes_left, readonly, late = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4] == "True", sys.argv[5]
+    name, other, bytes_left, readonly, late = sys.argv[1:]
+    bytes_left, readonly = int(bytes_left), readonly == "True"
     T = shmtf.Transform
     with shmtf.Store.create(name, max_frames=16, history=8) as made:
         made.set_transforms([T("map", "a", t, (t, 0, 0)) for t in (1, 2)])
@@ -142,19 +144,18 @@ def test_threads_in_the_middle(python: Callable, store_name: str) -> None:
     assert python(code, store_name) == "6\n"
 
 
-def test_a_foreign_bus_error_is_faulthandlers(store_name: str, tmp_path: object) -> None:
+def test_a_foreign_bus_error_is_faulthandlers(store_name: str) -> None:
     code = """
         import mmap, os, sys, tempfile, shmtf
         store = shmtf.Store.create(sys.argv[1], max_frames=16, history=8)
-        with tempfile.TemporaryFile() as file:
-            file.truncate(4096)
-            page = mmap.mmap(file.fileno(), 4096)
-            file.truncate(0)
-            page[0]
+        file = tempfile.TemporaryFile()
+        file.truncate(4096)
+        page = mmap.mmap(file.fileno(), 4096)
+        file.truncate(0)
+        page[0]
     """
-    lines = "\n".join(line.strip() if line.startswith(" " * 8) and "    " * 3 not in line else line[8:] for line in code.splitlines())
     done = subprocess.run(
-        [sys.executable, "-X", "faulthandler", "-c", lines, store_name],
+        [sys.executable, "-X", "faulthandler", "-c", textwrap.dedent(code), store_name],
         check=False, capture_output=True, text=True, cwd="/", timeout=WATCHDOG_S,
     )  # fmt: skip
     assert done.returncode == -signal.SIGBUS
