@@ -148,13 +148,13 @@ def test_no_address_space(limited: Callable[[str], str]) -> None:
     code = """
         with open("/proc/self/statm") as file:
             used = int(file.read().split()[0]) * 4096
-        big = shmtf.Store.create(name + "-big", max_frames=16, history=8, stream_bytes=64 << 20)
+        big = shmtf.Store.create(name + "-big", max_frames=16, history=8, stream_bytes=24 << 20)
         big.close()
         before = len(os.listdir("/proc/self/fd"))
-        limit(resource.RLIMIT_AS, used + (32 << 20))
+        limit(resource.RLIMIT_AS, used + (8 << 20))
         for call in (
             lambda: shmtf.Store.attach(name + "-big"), lambda: shmtf.Store.attach(name + "-big", readonly=True),
-            lambda: shmtf.Store.create(name + "-other", max_frames=16, history=8, stream_bytes=64 << 20),
+            lambda: shmtf.Store.create(name + "-other", max_frames=16, history=8, stream_bytes=24 << 20),
         ):
             try:
                 call()
