@@ -23,7 +23,7 @@ enum {
     FREE_RETRIES = 64,
     PUSH_YIELDS = 16, /* a holder that is not running needs the processor more than we need sleep */
     PUSH_SLEEP_NS = 50000,
-    COURTESY_SLEEPS = 20, /* of PUSH_SLEEP_NS, and the kernel's slack */
+    COURTESY_SLEEPS = 14, /* from PUSH_SLEEP_NS to MAX_BACKOFF_NS each: some 10 ms, in which a crowded machine runs everybody */
     MOST_COURTESIES = 8,  /* an operation: those with priority may be many */
     MAX_BACKOFF_NS = 1000000
 };
@@ -102,8 +102,11 @@ static verdict negotiate(shmtf_store *h, write_context *c, write_job *j) {
  * for. */
 static verdict be_courteous(const shmtf_store *h, txn *x, write_job *j) {
     if (!wish_first(x->blocked_by)) return GO_ON;
-    for (int i = 0; i < COURTESY_SLEEPS && still_blocked(h, x) && in_time(j); i++)
-        if (clock_sleep_ns(PUSH_SLEEP_NS) == EINTR) return SIGNALLED;
+    int64_t nap = PUSH_SLEEP_NS;
+    for (int i = 0; i < COURTESY_SLEEPS && still_blocked(h, x) && in_time(j); i++, nap *= 2) {
+        if (nap > MAX_BACKOFF_NS) nap = MAX_BACKOFF_NS;
+        if (clock_sleep_ns(nap) == EINTR) return SIGNALLED;
+    }
     x->deferred_to = x->blocked_by;
     x->defers = ++j->courtesies < MOST_COURTESIES && in_time(j);
     return GO_ON;
