@@ -258,7 +258,8 @@ static shmtf_status attempts(shmtf_store *h, write_context *c, write_job *j, uin
         if (retry && ++retries < FREE_RETRIES) continue; /* somebody else committed: that is progress */
         bool wished = was_held && c->x.wished;
         if (!wished && !in_time(j)) return busy(h, c, j, was_held);
-        if ((wished ? be_courteous(h, &c->x, j) : back_off(c, n)) == SIGNALLED) return error_set(j->e, SHMTF_INTERRUPTED, "waiting for a frame", NULL);
+        v = wished ? be_courteous(h, &c->x, j) : back_off(c, n);
+        if (v == SIGNALLED) return error_set(j->e, SHMTF_INTERRUPTED, "waiting for a frame", NULL);
         n++;
     }
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many processes at once: nobody sees a mixture, fails or is starved, whoever asks first comes first, no wake-up is lost.
+"""Many processes at once: nobody sees a mixture, fails or is starved; priority comes first; no wake-up is lost.
 
 Tier: test.  The programs of tests/soak print what they measured; nothing here asserts a time.  By hand, with larger
 numbers: build/native/programs/NAME STORE ..., then shmtf rm STORE.

@@ -16,8 +16,9 @@ OPS = (
     "40 or 1,000 frames of one snapshot", "moving shapes", "full dumps", "expired snapshots", "woken by a change",
     "waits without one",
 )  # fmt: skip
-(SINGLE, _LATE, CHAIN, GROUPS, _BIG, BIRTH, REMOVE, _REPARENT, _CYCLE, _FLIP, _DECLARE, _CLEAR, BUSY, LATEST, AT_TIME,
- NO_ANSWER, SNAPSHOT, READ_CHAIN, _READ_BIG, _READ_SHAPE, DUMP, EXPIRED, WOKEN, TIMED_OUT) = range(len(OPS))  # fmt: skip
+(SINGLE, _LATE, CHAIN, GROUPS, _BIG, BIRTH, REMOVE, _REPARENT, _CYCLE, _FLIP, _DECLARE, _CLEAR, BUSY, LATEST,
+ AT_TIME, NO_ANSWER, SNAPSHOT, READ_CHAIN, _READ_BIG, _READ_SHAPE, DUMP, EXPIRED, WOKEN,
+ TIMED_OUT) = range(len(OPS))  # fmt: skip
 LUCK = {BUSY, NO_ANSWER, EXPIRED, TIMED_OUT}  #: what may not happen in a short run
 COUNTERS = (
     "commits", "aborts", "helps", "recoveries", "rereads", "restarts", "waits", "late_dropped", "repeats",

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Members of the long run that use the Python API: crew.py ROLE STORE SECOND_STORE BOARD CELL SEED.
 
-They check what worker/readers.c checks, and hold the store that is unlinked and made anew beside.  Exit code 3: a promise
-was broken, and the board says which.
+They check what worker/readers.c checks, and keep the store that is unlinked and made anew beside.  Exit code 3: a
+promise was broken, and the board says which.
 """
 
 from __future__ import annotations
@@ -128,7 +128,9 @@ class Member:
 
     def check_value(self, found: shmtf.Transform, i: int, t: int) -> None:
         place, turn = single_values(i, t)
-        near = all(math.isclose(a, b, rel_tol=1e-9, abs_tol=1e-6) for a, b in zip(found.translation, place, strict=True))
+        near = all(
+            math.isclose(a, b, rel_tol=1e-9, abs_tol=1e-6) for a, b in zip(found.translation, place, strict=True)
+        )
         dot = sum(float(a) * b for a, b in zip(found.rotation, turn, strict=True))
         need(near and abs(abs(dot) - 1) < 1e-9, f"g{i} at {t} is", tuple(found.translation), tuple(found.rotation))
 

@@ -82,7 +82,9 @@ class Stores:
                 if problem:
                     problems.append(f"{name}: {problem}")
                 else:
-                    found.append(f"{name}: all names removed, all memory taken as one ring, as many frames made as in the beginning")
+                    found.append(
+                        f"{name}: all names removed, all memory taken as one ring, as many frames made as before"
+                    )
         return found, problems + self.files_problems()
 
     def unlink(self, uuids_beside: set[str]) -> list[str]:

@@ -33,7 +33,8 @@ static void write_chain(int k) {
         /* Four at a time are +v -v +v -v, and so they stay: they begin at a multiple of four, in the second half.  A single
          * one writes the 0 that is there, in the first half. */
         int first = n_frames / 2 / 4 * 4;
-        first = edges == 1 ? 2 + (int)(rnd(&random) % (uint64_t)(first - 2)) : first + 4 * (int)(rnd(&random) % (uint64_t)((n_frames - first) / 4));
+        if (edges == 1) first = 2 + (int)(rnd(&random) % (uint64_t)(first - 2));
+        else first += 4 * (int)(rnd(&random) % (uint64_t)((n_frames - first) / 4));
         double v = edges == 1 ? 0 : (double)(rnd(&random) % 1000);
         int64_t stamp = now_ns();
         for (int i = 0; i < edges; i++) t[i] = crowd_edge(names[first + i], names[first + i + 1], stamp, i % 2 ? -v : v);

@@ -29,8 +29,8 @@ STUCK_S = 120  # a member that runs and has got nothing done for so long, hangs
 LONG_S = 60  # of a shorter run nothing can be said about memory
 C_SLACK_KIB, PYTHON_SLACK_KIB = 128, 8192  # a dump of all frames is some megabytes for as long as it takes
 C_ROLES = [
-    "singles", "singles", "batches", "batches", "big", "shape", "shape", "clears", "reader", "readonly", "second-reader",
-    "waiter", "readonly-waiter",
+    "singles", "singles", "batches", "batches", "big", "shape", "shape", "clears",
+    "reader", "readonly", "second-reader", "waiter", "readonly-waiter",
 ]  # fmt: skip
 PYTHON_ROLES = ["py-writer", "py-reader", "py-waiter", "beside", "beside-reader"]
 LASTING = ["reader", "readonly", "py-reader"]  # never killed: their memory must not grow
@@ -135,7 +135,8 @@ class Run:
             self.kill(self.random.choice(quick))
         else:
             long = self.random.random() < 0.02
-            self.stop(self.random.choice(self.members), self.random.uniform(0.5, 2) if long else self.random.random() / 10)
+            seconds = self.random.uniform(0.5, 2) if long else self.random.uniform(0, 0.1)
+            self.stop(self.random.choice(self.members), seconds)
 
     # ---- watch ----
 

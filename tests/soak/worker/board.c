@@ -82,10 +82,10 @@ void watch_write(const stopwatch *w) { note(w, cell->write, &cell->worst_write);
 void board_counters(shmtf_store *h, shmtf_counters *last) {
     shmtf_counters now;
     shmtf_get_counters(h, &now);
-    const uint64_t n[9] = {now.commits, now.aborts, now.helps, now.recoveries, now.rereads, now.restarts, now.waits, now.late_dropped, now.repeats};
-    const uint64_t o[9] = {last->commits, last->aborts, last->helps, last->recoveries, last->rereads, last->restarts, last->waits,
-                           last->late_dropped, last->repeats};
+    const uint64_t more[9] = {now.commits - last->commits,       now.aborts - last->aborts,     now.helps - last->helps,
+                              now.recoveries - last->recoveries, now.rereads - last->rereads,   now.restarts - last->restarts,
+                              now.waits - last->waits,           now.late_dropped - last->late_dropped, now.repeats - last->repeats};
     for (int i = 0; i < 9; i++)
-        if (n[i] != o[i]) atomic_fetch_add_explicit(&cell->counters[i], (long long)(n[i] - o[i]), memory_order_relaxed);
+        if (more[i]) atomic_fetch_add_explicit(&cell->counters[i], (long long)more[i], memory_order_relaxed);
     *last = now;
 }

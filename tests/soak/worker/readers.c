@@ -18,7 +18,8 @@ static long long most(word *a, word *b) {
 
 static void check_version(int store, uint64_t version, long long acknowledged) {
     if (version < seen_version[store]) violation_numbers("the version went back", (long long)seen_version[store], (long long)version);
-    if ((long long)version < acknowledged) violation_numbers("a commit that was acknowledged is not seen", acknowledged, (long long)version);
+    if ((long long)version < acknowledged)
+        violation_numbers("a commit that was acknowledged is not seen", acknowledged, (long long)version);
     seen_version[store] = version;
 }
 
@@ -107,7 +108,8 @@ static void read_chain(member *m) {
     if (r.n_edges != CHAIN || r.oldest_ns != r.newest_ns) violation_numbers("a mixture of stamps", r.oldest_ns, r.newest_ns);
     for (int i = 0; i < CHAIN; i++)
         if (edges[i].stamp_ns != r.oldest_ns) violation_numbers("an edge with another stamp", r.oldest_ns, edges[i].stamp_ns);
-    if (r.pose.x != (double)(CHAIN * r.oldest_ns)) violation_numbers("the chain's value is not its stamp's", r.oldest_ns, (long long)r.pose.x);
+    if (r.pose.x != (double)(CHAIN * r.oldest_ns))
+        violation_numbers("the chain's value is not its stamp's", r.oldest_ns, (long long)r.pose.x);
     check_stamp("the chain's newest stamp went back", &seen_chain, r.oldest_ns, stamp);
     count_op(OP_READ_CHAIN);
 }
@@ -123,7 +125,8 @@ static void read_big(member *m) {
         shmtf_result r = {.edges = NULL};
         if (latest(m->main, &s, "root", big_name[i], &r)) return count_op(OP_EXPIRED);
         if (k == 0) stamp = r.stamp_ns;
-        if (r.stamp_ns != stamp || r.pose.x != (double)stamp || r.pose.y != (double)i) violation_numbers("half of a big update", stamp, r.stamp_ns);
+        if (r.stamp_ns != stamp || r.pose.x != (double)stamp || r.pose.y != (double)i)
+            violation_numbers("half of a big update", stamp, r.stamp_ns);
     }
     check_stamp("the big group's stamp went back", &seen_big, stamp, acknowledged);
     count_op(OP_READ_BIG);
@@ -147,7 +150,8 @@ static void read_shape(member *m) {
         if (st && st != SHMTF_LOOKUP) violation("a guest's records", &e);
         if (!st && n) r.pose = record.pose;
     }
-    if (what && r.pose.x != place_of((int64_t)r.pose.y)) violation_numbers("a value is not its stamp's", (long long)r.pose.x, (long long)r.pose.y);
+    if (what && r.pose.x != place_of((int64_t)r.pose.y))
+        violation_numbers("a value is not its stamp's", (long long)r.pose.x, (long long)r.pose.y);
     count_op(OP_READ_SHAPE);
 }
 

@@ -69,7 +69,8 @@ static void set(shmtf_store *h, shmtf_transform *t, size_t n) {
 }
 
 void world_build(member *m) {
-    shmtf_transform *big = calloc(BIG, sizeof *big), t[SINGLES], places[2] = {at("root", "left", 0, PLACE, 0), at("root", "right", 0, -PLACE, 0)};
+    shmtf_transform *big = calloc(BIG, sizeof *big), t[SINGLES];
+    shmtf_transform places[2] = {at("root", "left", 0, PLACE, 0), at("root", "right", 0, -PLACE, 0)};
     if (!big) violation("no memory", NULL);
     atomic_store(&board->stamp, 100);
     places[0].flags = places[1].flags = SHMTF_STATIC;

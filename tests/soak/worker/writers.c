@@ -131,7 +131,8 @@ void change_shape(member *m) {
             shmtf_transform t = arm_edge((int)chance(m, ARMS), chance(m, 2), stamp);
             if (must_put(m, m->main, &t, 1, &version)) count_op(OP_REPARENT);
         } else {
-            shmtf_transform t = {shmtf_by_name("root"), shmtf_by_name(flip_name[chance(m, FLIPS)]), stamp, {place_of(stamp), (double)stamp, 0, 0, 0, 0, 1}, 0};
+            const char *name = flip_name[chance(m, FLIPS)];
+            shmtf_transform t = {shmtf_by_name("root"), shmtf_by_name(name), stamp, {place_of(stamp), (double)stamp, 0, 0, 0, 0, 1}, 0};
             if (chance(m, 2)) t.flags = SHMTF_STATIC;
             if (must_put(m, m->main, &t, 1, &version)) count_op(OP_FLIP);
         }
