@@ -242,6 +242,8 @@ static stage_status finish_shape(stage *g) {
     txn_status st = txn_check_cycles(x, &cyclic, &found);
     if (st != TXN_OK) return from_txn(st);
     if (!found) return STAGE_OK;
+    /* Locked frames were read now, those above them at the snapshot: a cycle of both is one if the shape has stood still. */
+    if (tree_topology_at(x->s, load_acquire(&x->s->global->commit)) != x->topology) return STAGE_RETRY; /* [E2 acquire] */
     for (g->item = 0; g->item + 1 < g->n && g->items[g->item].child.frame.id != cyclic;) g->item++;
     return STAGE_CYCLE;
 }

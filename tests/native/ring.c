@@ -77,6 +77,7 @@ static void check_around(uint32_t id, uint64_t snapshot, const model *m, int64_t
     int oldest = 0;
     while (m->e[oldest].stamp < horizon(m)) oldest++;
     if (has && t <= m->e[m->n - 1].stamp) return;
+    EQUAL(a.alone, m->n == 1);
     if (present) EQUAL(a.oldest_stamp, m->e[oldest].stamp); /* at an older commit: of what has not been overwritten since */
     else CHECK(a.oldest_stamp >= m->e[oldest].stamp);
 }

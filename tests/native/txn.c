@@ -198,6 +198,22 @@ static void check_repeats(void) {
     end();
 }
 
+/* A cycle of an older edge and a newer one never was. */
+static void check_cycles_of_two_commits(void) {
+    begin(8);
+    const char *child[] = {"a", "c", "d"}, *parent[] = {"r", "r", "a"};
+    for (int i = 0; i < 3; i++) NEED(write_one(&a, edge_at(parent[i], child[i], 10, 1)) == STAGE_OK);
+    shmtf_transform batch[] = {edge_at("r", "a", 5, 2), edge_at("d", "c", 20, 2)};
+    NEED(stage_begin(&a, batch, 2) == STAGE_OK);
+    NEED(write_one(&b, edge_at("r", "d", 11, 3)) == STAGE_OK);
+    NEED(write_one(&b, edge_at("c", "a", 12, 3)) == STAGE_OK);
+    EQUAL(stage_end(&a, stage_transforms(&a.g)), STAGE_RETRY);
+    EQUAL(write_all(&a, batch, 2), STAGE_OK);
+    NEED(write_one(&b, edge_at("c", "r", 13, 3)) == STAGE_CYCLE);
+    EQUAL(locks_held(), 0);
+    end();
+}
+
 static void check_wants(void) {
     begin(8);
     NEED(write_one(&a, edge_at("p", "f", 5, 1)) == STAGE_OK);
@@ -282,6 +298,7 @@ int main(void) {
     check_dead_births();
     check_validation();
     check_repeats();
+    check_cycles_of_two_commits();
     check_wants();
     check_wants_with_priority();
     check_reclaim();
