@@ -47,7 +47,7 @@ def replay(program: Callable[[str], Path]) -> Callable[[Path], subprocess.Comple
 
 @pytest.fixture
 def record(program: Callable[[str], Path], store_name: str, tmp_path: Path) -> Iterator[Callable[..., Path]]:
-    """Records: seed, milliseconds, writers, readers, kills per second, chaos, KiB per process. Returns the log's path."""
+    """Records: seed, milliseconds, writers, readers, kills per second, chaos, KiB per process. Returns the log."""
     path = tmp_path / "log"
 
     def run(*args: int) -> Path:

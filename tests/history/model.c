@@ -6,7 +6,7 @@
 
 #include "model_inside.h"
 
-void *model_memory(void *old, size_t bytes) {
+static void *model_memory(void *old, size_t bytes) {
     void *p = realloc(old, bytes);
     if (!p) abort();
     return p;

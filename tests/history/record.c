@@ -47,7 +47,8 @@ static void disturb(uint64_t of_4096) {
     chaos_state ^= chaos_state >> 7;
     chaos_state ^= chaos_state << 17;
     if ((chaos_state >> 8 & 4095) >= of_4096) return;
-    const struct timespec moment = {0, (long)(chaos_state >> 40 & 0xffff)};
+    bool long_enough_for_many_commits = (chaos_state >> 34 & 15) == 0;
+    const struct timespec moment = {0, (long)(chaos_state >> 40 & 0xffff) << (long_enough_for_many_commits ? 6 : 0)};
     if (chaos_state >> 32 & 3) sched_yield();
     else nanosleep(&moment, NULL);
 }

@@ -40,13 +40,15 @@ static uint64_t *hole, n_holes;
 static uint64_t n_unjudged;
 static long problems, most_problems = 5, n_judged, n_expired, n_refused, n_orders;
 static uint64_t failed_at; /* version of the first problem of the last replay */
-static FILE *out;          /* what the first order had against it */
+static FILE *out;
+static char *said;         /* what there is against the order that came furthest */
+static uint64_t furthest;
 
 static const char *const kinds[N_OPS] = {"set", "transfer", "remove", "clear", "latest", "at", "common", "exists", "parent", "records", "frames", "snapshot"};
 
 static void violation(int i, uint64_t version, const char *why) {
     if (!problems || version < failed_at) failed_at = version;
-    if (problems++ >= most_problems || n_orders > 1) return;
+    if (problems++ >= most_problems) return;
     const history_entry *e = i == NONE ? NULL : op[i];
     fprintf(out, "VIOLATION at version %" PRIu64 ": %s", version, why);
     if (e)
@@ -193,7 +195,7 @@ static void judge_waiting(model *m, uint64_t version, int *waiting, int *n) {
 static void replay(void) {
     model *m = model_make(all->live, all->cache_time_ns);
     int *waiting = memory((size_t)n_ops, sizeof *waiting, 0), n = 0;
-    problems = n_judged = 0;
+    n_judged = 0;
     for (uint64_t v = 0; v <= last_version && problems < most_problems; v++) {
         int c = commit_at[v];
         if (c != NONE && !model_commit(m, op[c], v)) {
@@ -213,6 +215,26 @@ static void replay(void) {
     model_free(m);
 }
 
+static char *text;
+static size_t length;
+static void listen(void) {
+    out = open_memstream(&text, &length);
+    if (!out) abort();
+    problems = 0;
+}
+/* True: there was nothing. */
+static bool hear(void) {
+    fclose(out);
+    if (problems && (!said || failed_at > furthest)) {
+        free(said);
+        said = text;
+        furthest = failed_at;
+    } else {
+        free(text);
+    }
+    return problems == 0;
+}
+
 static bool fits(int i, uint64_t version) { return version > low[i] && (version <= op[i]->high || !op[i]->high); }
 
 /* Every way to explain the versions from the k-th hole on; true: one of them is a serial history.  A problem before a hole
@@ -220,8 +242,9 @@ static bool fits(int i, uint64_t version) { return version > low[i] && (version 
 static bool explain(uint64_t k, char *used) {
     if (k == n_holes) {
         n_orders++;
+        listen();
         replay();
-        return problems == 0;
+        return hear();
     }
     bool any = false;
     for (int j = 0; j < n_lost && n_orders < MOST_ORDERS; j++) {
@@ -233,7 +256,11 @@ static bool explain(uint64_t k, char *used) {
         used[j] = 0;
         if (problems && failed_at < hole[k]) return false;
     }
-    if (!any) violation(NONE, hole[k], "a commit that nobody made");
+    if (!any) {
+        listen();
+        violation(NONE, hole[k], "a commit that nobody made");
+        hear();
+    }
     return false;
 }
 
@@ -248,19 +275,16 @@ static void report(void) {
 }
 
 int main(int argc, char **argv) {
-    char *text = NULL;
-    size_t length = 0;
     if (argc < 2) return 2;
     if (argc > 2) most_problems = atol(argv[2]);
     int bad = load(argv[1]);
     if (bad) return bad;
-    out = open_memstream(&text, &length);
     low = memory((size_t)n_ops, sizeof *low, 0);
+    listen();
     check_real_time();
     place_all();
-    bool serial = !problems && explain(0, memory((size_t)n_lost, 1, 0));
-    fclose(out);
-    if (!serial) fputs(text, stdout);
+    bool serial = hear() && explain(0, memory((size_t)n_lost, 1, 0));
+    if (!serial && said) fputs(said, stdout);
     if (n_orders >= MOST_ORDERS) printf("the killed may have committed in more than %d orders; these were tried\n", MOST_ORDERS);
     report();
     return !serial;
