@@ -62,14 +62,16 @@ void py_handle_unref(py_handle *h) {
 
 /* Transforms that were looked up name their edges when asked, which may be after the store was closed. */
 static void learn_all_names(py_handle *h) {
+    PyObject *type, *value, *traceback; /* the last call out may be on its way to raise */
     size_t n = 0;
     if (shmtf_frames(h->store, NULL, NULL, 0, &n, NULL) != SHMTF_OK || n == 0) return;
+    PyErr_Fetch(&type, &value, &traceback);
     shmtf_frame *frames = PyMem_Calloc(n, sizeof *frames);
     size_t found = 0;
     if (frames && shmtf_frames(h->store, NULL, frames, n, &found, NULL) == SHMTF_OK)
         for (size_t i = 0; i < n && i < found; i++) Py_XDECREF(py_handle_name(h, frames[i]));
     PyMem_Free(frames);
-    PyErr_Clear(); /* out of memory: those names are not known then */
+    PyErr_Restore(type, value, traceback); /* without one of ours: out of memory, those names are not known then */
 }
 
 static void unmap(py_handle *h) {
