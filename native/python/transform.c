@@ -182,7 +182,8 @@ static PyObject *transform_restore(PyObject *cls, PyObject *args) {
     long long oldest = 0, newest = 0;
     bool ok = py_normalise(m, &t->pose) && set_times(m, t, stamp);
     if (ok && range != Py_None) {
-        ok = PyArg_ParseTuple(range, "LL", &oldest, &newest);
+        ok = PyTuple_Check(range) ? PyArg_ParseTuple(range, "LL", &oldest, &newest)
+                                  : PyErr_Format(PyExc_TypeError, "stamp_range must be a tuple or None, not %R", range) != NULL;
         t->oldest_ns = oldest;
         t->newest_ns = newest;
         t->has_range = true;
