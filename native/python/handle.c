@@ -112,7 +112,7 @@ bool py_handle_frame(py_handle *h, PyObject *object, const char *what, shmtf_ref
 }
 
 void py_handle_learn(py_handle *h, PyObject *object, const shmtf_ref *ref) {
-    if (ref->frame.gen == 0 || !h->known) return;
+    if (ref->frame.gen == 0 || !h->known || !PyUnicode_CheckExact(object)) return; /* a subclass' end may run anything */
     py_known_name *entry = known_entry(h, object);
     PyObject *old = entry->object;
     *entry = (py_known_name){Py_NewRef(object), ref->name, ref->frame};

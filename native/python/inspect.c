@@ -161,7 +161,7 @@ PyObject *py_store_check(PyObject *self, PyObject *const *args, Py_ssize_t n_arg
     py_handle *h = py_reader_open(self);
     if (!h || !py_arguments(&signature, args, n_args, kwnames, given)) return NULL;
     int repair = given[0] ? PyObject_IsTrue(given[0]) : 0;
-    if (repair < 0) return NULL;
+    if (repair < 0 || !py_reader_open(self)) return NULL; /* the argument's own code may have closed the store */
     shmtf_check_report r = {0};
     shmtf_error e;
     shmtf_status status = shmtf_check(h->store, repair, &r, &e);

@@ -70,7 +70,8 @@ static bool prepare(query *q, PyObject *self, PyObject *target, PyObject *source
         if (!py_stamp(h->module, time, "time", &q->time_ns)) return false;
         q->time = &q->time_ns;
     }
-    return py_timeout(h->module, timeout, &q->timeout_ns);
+    /* an argument's own code may have closed the store */
+    return py_timeout(h->module, timeout, &q->timeout_ns) && py_reader_open(self);
 }
 
 static PyObject *raise_answer(PyObject *self, query *q, const py_wait *wait) {
@@ -268,7 +269,7 @@ static PyObject *parent_of(PyObject *self, PyObject *const *args, Py_ssize_t n_a
     shmtf_frame parent;
     shmtf_error error;
     if (!(ref.name = py_frame_name(h->module, given[0], "name"))) return NULL;
-    if (has_time && !py_stamp(h->module, given[1], "time", &time_ns)) return NULL;
+    if (has_time && (!py_stamp(h->module, given[1], "time", &time_ns) || !py_reader_open(self))) return NULL;
     if (shmtf_parent(h->store, py_reader_snapshot(self), ref, has_time ? &time_ns : NULL, &parent, &error) != SHMTF_OK)
         return raise_about_frames(self, &error);
     return parent.gen ? py_handle_name(h, parent) : Py_NewRef(Py_None);

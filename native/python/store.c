@@ -104,7 +104,7 @@ static PyObject *wait_for_change(PyObject *self, PyObject *const *args, Py_ssize
     py_handle *h = c.handle = py_reader_open(self);
     if (!h || !py_arguments(&signature, args, n_args, kwnames, given)) return NULL;
     if (!PyTuple_Check(given[0])) return PyErr_Format(PyExc_TypeError, "frames must be a tuple");
-    if (!py_timeout(h->module, given[2], &timeout_ns)) return NULL;
+    if (!py_timeout(h->module, given[2], &timeout_ns) || !py_reader_open(self)) return NULL;
     c.since = given[1] == Py_None ? shmtf_commit_version(h->store) : PyLong_AsUnsignedLongLong(given[1]);
     if (c.since == (uint64_t)-1 && PyErr_Occurred()) return NULL;
     c.n = (size_t)PyTuple_Size(given[0]);

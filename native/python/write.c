@@ -56,14 +56,16 @@ static bool commit(PyObject *self, write_call *w, int64_t timeout_ns) {
     return false;
 }
 
-/* The keyword-only arguments that every write has, from given[0..3]; absent ones are NULL. */
-static bool write_options(py_handle *h, write_call *w, PyObject *const *given, int64_t *timeout_ns) {
+/* The keyword-only arguments that every write has, from given[0..3]; absent ones are NULL.  The last of the arguments to be
+ * read: after it no code of theirs can close the store. */
+static bool write_options(PyObject *self, write_call *w, PyObject *const *given, int64_t *timeout_ns) {
+    py_handle *h = ((py_reader *)self)->handle;
     int priority = given[2] ? PyObject_IsTrue(given[2]) : 0;
     w->handle = h;
     w->options = (shmtf_write_options){.priority = priority};
     *timeout_ns = 1000000000;
     return priority >= 0 && py_text(h->module, given[0], "authority", &w->options.authority) &&
-           py_timeout(h->module, given[1], timeout_ns);
+           py_timeout(h->module, given[1], timeout_ns) && py_reader_open(self);
 }
 
 /* ---- transforms ---- */
@@ -113,7 +115,7 @@ PyObject *py_store_set_transform(PyObject *self, PyObject *const *args, Py_ssize
     int64_t timeout_ns, now = 0;
     if (!h || !py_arguments(&signature, args, n_args, kwnames, given)) return NULL;
     int is_static = given[1] ? PyObject_IsTrue(given[1]) : 0;
-    if (is_static < 0 || !write_options(h, &w, given + 2, &timeout_ns)) return NULL;
+    if (is_static < 0 || !write_options(self, &w, given + 2, &timeout_ns)) return NULL;
     if (!item_from(h, given[0], -1, is_static, &now, &item)) return NULL;
     w.items = &item;
     w.n = 1;
@@ -130,7 +132,7 @@ PyObject *py_store_set_transforms(PyObject *self, PyObject *const *args, Py_ssiz
     PyObject *batch = PySequence_Tuple(given[0]); /* keeps the items, whatever happens to the list meanwhile */
     py_handle *h = batch ? py_reader_open(self) : NULL; /* a generator may have closed the store */
     int is_static = given[1] ? PyObject_IsTrue(given[1]) : 0;
-    if (!h || is_static < 0 || !write_options(h, &w, given + 2, &timeout_ns)) {
+    if (!h || is_static < 0 || !write_options(self, &w, given + 2, &timeout_ns)) {
         Py_XDECREF(batch);
         return NULL;
     }
@@ -160,7 +162,7 @@ PyObject *py_store_remove_frame(PyObject *self, PyObject *const *args, Py_ssize_
     int64_t timeout_ns;
     py_handle *h = py_reader_open(self);
     if (!h || !py_arguments(&signature, args, n_args, kwnames, given)) return NULL;
-    if (!(w.name = py_frame_name(h->module, given[0], "name")) || !write_options(h, &w, given + 1, &timeout_ns)) return NULL;
+    if (!(w.name = py_frame_name(h->module, given[0], "name")) || !write_options(self, &w, given + 1, &timeout_ns)) return NULL;
     return commit(self, &w, timeout_ns) ? Py_NewRef(Py_None) : NULL;
 }
 
@@ -173,7 +175,7 @@ PyObject *py_store_clear(PyObject *self, PyObject *const *args, Py_ssize_t n_arg
     py_handle *h = py_reader_open(self);
     if (!h || !py_arguments(&signature, args, n_args, kwnames, given)) return NULL;
     w.keep_static = given[0] ? PyObject_IsTrue(given[0]) : 1;
-    if (w.keep_static < 0 || !write_options(h, &w, given + 1, &timeout_ns)) return NULL;
+    if (w.keep_static < 0 || !write_options(self, &w, given + 1, &timeout_ns)) return NULL;
     return commit(self, &w, timeout_ns) ? Py_NewRef(Py_None) : NULL;
 }
 
@@ -189,6 +191,6 @@ PyObject *py_store_declare_frame(PyObject *self, PyObject *const *args, Py_ssize
     if (history == (unsigned long)-1 && PyErr_Occurred()) return NULL;
     if (history > UINT32_MAX) return py_raise_invalid(h->module, "history", given[1], "less than 2**32 records");
     w.history = (uint32_t)history;
-    if (!(w.name = py_frame_name(h->module, given[0], "child")) || !write_options(h, &w, given + 2, &timeout_ns)) return NULL;
+    if (!(w.name = py_frame_name(h->module, given[0], "child")) || !write_options(self, &w, given + 2, &timeout_ns)) return NULL;
     return commit(self, &w, timeout_ns) ? Py_NewRef(Py_None) : NULL;
 }
