@@ -72,7 +72,9 @@ def run_chunk(program: Path, seed: int, first: int, count: int) -> list[tuple[st
     while first < end:
         command = [str(program), "--seed", str(seed), "--from", str(first), "--runs", str(end - first)]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=WATCHDOG_S, check=False)
+            done = subprocess.run(
+                command, capture_output=True, text=True, errors="replace", timeout=WATCHDOG_S, check=False
+            )
         except subprocess.TimeoutExpired as error:
             found.append(("hang", f"{command} did not end\n{error.stderr!r}"))
             break
@@ -135,7 +137,9 @@ def run_libfuzzer(args: argparse.Namespace, tallies: dict[str, Tally]) -> None:
             if lines:
                 tally.add(lines[-1])
             if done.returncode:
-                tally.fail(f"exit {done.returncode}\n{done.stderr}", "timeout" in done.stderr or "no end:" in done.stderr)
+                tally.fail(
+                    f"exit {done.returncode}\n{done.stderr}", "timeout" in done.stderr or "no end:" in done.stderr
+                )
 
 
 def print_table(tallies: dict[str, Tally], seed: int, seconds: float) -> None:
@@ -145,9 +149,20 @@ def print_table(tallies: dict[str, Tally], seed: int, seconds: float) -> None:
     heads = ("attached", "VERSION", "CORRUPT", "crashes", "hangs", "most steps", "bound")
     print(row.format("target", "inputs", *heads, "in"))
     for t in tallies.values():
-        numbers = (t.inputs, t.attached, t.refused["VERSION"], t.refused["CORRUPT"], t.crashes, t.hangs, t.most_steps, t.bound)
+        numbers = (
+            t.inputs,
+            t.attached,
+            t.refused["VERSION"],
+            t.refused["CORRUPT"],
+            t.crashes,
+            t.hangs,
+            t.most_steps,
+            t.bound,
+        )
         print(row.format(t.target, *numbers, t.most_in))
-    statuses = sorted({s for t in tallies.values() for s in t.answers}, key=lambda s: -sum(t.answers[s] for t in tallies.values()))
+    statuses = sorted(
+        {s for t in tallies.values() for s in t.answers}, key=lambda s: -sum(t.answers[s] for t in tallies.values())
+    )
     print("\n{:<18}".format("answers") + "".join(f"{name:>12}" for name in tallies))
     for status in statuses:
         print(f"{status:<18}" + "".join(f"{t.answers[status]:>12}" for t in tallies.values()))
