@@ -28,6 +28,29 @@ def map_lines(name: str) -> list[str]:
         return [line.split()[1] for line in maps if line.rstrip().endswith(path_of(name))]
 
 
+def write(name: str, data: bytes) -> None:
+    with open(path_of(name), "wb") as file:
+        file.write(data)
+
+
+def read(name: str) -> bytes:
+    with open(path_of(name), "rb") as file:
+        return file.read()
+
+
+@pytest.fixture
+def image(new_name: Callable[[], str]) -> bytes:
+    """A whole store with some contents."""
+    name = new_name()
+    with Store.create(name, **SMALL) as store:
+        for k in range(20):
+            store.set_transforms([Transform("map", "a", k, (k, 0, 0)), Transform("a", "b", k, (0, k, 0))])
+        store.set_transform(Transform("b", "c"), static=True)
+    data = read(name)
+    Store.unlink(name)
+    return data
+
+
 @pytest.fixture
 def held(store: Store) -> Iterator[subprocess.Popen[bytes]]:
     """Keeps the frame "held" busy: a writer of it is stopped somewhere in the middle of a commit."""

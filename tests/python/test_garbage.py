@@ -11,34 +11,11 @@ from collections.abc import Callable
 import pytest
 
 import shmtf
-from shmtf import Store, Transform
+from shmtf import Store
 
-from .conftest import SMALL, path_of
+from .conftest import SMALL, path_of, read, write
 
 PAGE = 4096
-
-
-def write(name: str, data: bytes) -> None:
-    with open(path_of(name), "wb") as file:
-        file.write(data)
-
-
-def read(name: str) -> bytes:
-    with open(path_of(name), "rb") as file:
-        return file.read()
-
-
-@pytest.fixture
-def image(new_name: Callable[[], str]) -> bytes:
-    """A whole store with some contents."""
-    name = new_name()
-    with Store.create(name, **SMALL) as store:
-        for k in range(20):
-            store.set_transforms([Transform("map", "a", k, (k, 0, 0)), Transform("a", "b", k, (0, k, 0))])
-        store.set_transform(Transform("b", "c"), static=True)
-    data = read(name)
-    Store.unlink(name)
-    return data
 
 
 @pytest.mark.parametrize("readonly", [False, True])
