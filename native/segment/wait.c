@@ -32,7 +32,7 @@ int clock_sleep_ns(int64_t ns) {
     return clock_nanosleep(CLOCK_MONOTONIC, 0, &t, NULL);
 }
 
-static void bell_path(const uint64_t uuid[2], char path[64]) {
+void bell_path(const uint64_t uuid[2], char path[64]) {
     snprintf(path, 64, "/dev/shm/.shmtf-bell-%016llx%016llx", (unsigned long long)uuid[0], (unsigned long long)uuid[1]);
 }
 

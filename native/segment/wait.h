@@ -44,6 +44,7 @@ static inline void bell_add(bell_set *set, unsigned bucket) { set->bits[bucket /
 /* Open the bell of the store with this uuid, or make it if `file`'s owner is us.  NULL if that may not be. */
 bell *bell_open(const uint64_t uuid[2], const map_file *file);
 void bell_close(bell *b);
+void bell_path(const uint64_t uuid[2], char path[64]);
 /* Its name: 0 or an errno value.  A bell that is open goes on to ring. */
 int bell_remove(const uint64_t uuid[2]);
 
