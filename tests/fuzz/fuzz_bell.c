@@ -34,7 +34,7 @@ static void name_bell(bench *b) {
     store_relaxed(&h->uuid[0], uuid[0]);
     store_relaxed(&h->uuid[1], uuid[1]);
     if (path[0]) return;
-    bell_path(uuid, path);
+    snprintf(path, sizeof path, "/dev/shm/.shmtf-bell-%016llx%016llx", (unsigned long long)uuid[0], (unsigned long long)uuid[1]);
     atexit(remove_bell);
     signal(SIGTERM, on_end);
     signal(SIGINT, on_end);
