@@ -40,13 +40,17 @@ static int state_seen(const verdict *v, shmtf_store *h, bool live) {
     wrong(v, "neither all nor nothing", all);
 }
 
+/* A large world takes its time: there the ways to read take turns. */
+static bool is_brief(const verdict *v) { return v->ref->op->extra > 100 && !v->thorough; }
+
 int check_views(const verdict *v, shmtf_store *h, bool all_ways) {
+    v->t->checks++;
+    if (is_brief(v) && v->phase % 2) return state_seen(v, h, true);
     shmtf_store *ro = attach_or_die(v->ref->w, SHMTF_READONLY, NULL);
     int state = state_seen(v, ro, false);
-    if (state_seen(v, h, true) != state) wrong(v, "readers disagree", "");
+    if (!is_brief(v) && state_seen(v, h, true) != state) wrong(v, "readers disagree", "");
     if (all_ways && (state_seen(v, ro, true) != state || state_seen(v, h, false) != state)) wrong(v, "readers disagree", "");
     shmtf_close(ro);
-    v->t->checks++;
     return state;
 }
 
@@ -89,7 +93,7 @@ static void recover(const verdict *v, shmtf_store *h, int state) {
     }
     check_clean(v, h);
     check_views(&then, h, v->thorough);
-    check_idle_repair(v, h);
+    if (!is_brief(v)) check_idle_repair(v, h);
 }
 
 /* Every frame exists now: what their rings do not take must be free. */

@@ -19,7 +19,6 @@
 #include "segment/layout.h"
 #include "segment/lock.h"
 #include "segment/peer.h"
-#include "segment/wait.h"
 
 enum { BELL_PAGE = 4096 };
 
@@ -86,7 +85,7 @@ void world_make(world *w, const char *store, uint32_t extra) {
     must(write_base(h, extra, &e), &e, "write the tree");
     must(shmtf_get_info(h, &info, &e), &e, "info");
     shmtf_close(h);
-    bell_path(info.uuid, w->bell);
+    snprintf(w->bell, sizeof w->bell, "/dev/shm/.shmtf-bell-%016llx%016llx", (unsigned long long)info.uuid[0], (unsigned long long)info.uuid[1]);
     w->size = info.size_bytes;
     w->memory = map_file_at(w->path, w->size, &w->fd);
     w->bell_page = map_file_at(w->bell, BELL_PAGE, &bell_fd);
