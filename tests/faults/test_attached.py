@@ -138,8 +138,10 @@ other.close(); other.unlink()
 }
 
 
-@pytest.mark.parametrize("ending", ENDINGS)
-@pytest.mark.parametrize("flags", [(), ("-X", "dev")])
+@pytest.mark.parametrize(
+    ("ending", "flags"),
+    [(e, ()) for e in ENDINGS] + [(e, ("-X", "dev")) for e in ("returns", "exception", "deleted", "tracker")],
+)
 def test_ending_removes_nothing(store: Store, ending: str, flags: tuple[str, ...]) -> None:
     store.set_transform(Transform("map", "a", 1))
     before = os.stat(path_of(store.name)).st_ino

@@ -41,7 +41,7 @@ def test_a_step_does_not_end_a_wait(stepped: Callable[[str], str], seconds: int)
             lambda: answers.append(store.wait_for_change("b", timeout=3600) > 0),
             lambda: answers.append(store.can_transform("map", "b", timeout=3600)),
         ]
-        threads = [threading.Thread(target=w) for w in waits]
+        threads = [threading.Thread(target=w, daemon=True) for w in waits]
         for t in threads:
             t.start()
         def asleep():
@@ -74,7 +74,7 @@ def test_a_step_does_not_prolong_a_wait(stepped: Callable[[str], str], seconds: 
                 shmtf.Store.attach(sys.argv[1] + "-none", timeout=0.1)
             except shmtf.StoreNotFoundError as error:
                 ended.append(error.waited >= 0.1)
-        thread = threading.Thread(target=wait)
+        thread = threading.Thread(target=wait, daemon=True)
         thread.start()
         while not store.counters()["waits"]:
             pass

@@ -84,7 +84,9 @@ def test_existing_stores_work_on(python: Callable, small_shm: list[str]) -> None
             store.set_transforms([T("map", f"f{i % 9}", i), T("map", "a", i)])
         assert not [name for name in os.listdir("/dev/shm") if "bell" in name]
         assert reader.lookup_latest_transform("map", "a").stamp == 199
-        waiting = threading.Thread(target=reader.lookup_transform, args=("map", "later"), kwargs={"timeout": None})
+        def wait():
+            reader.lookup_transform("map", "later", timeout=None)
+        waiting = threading.Thread(target=wait, daemon=True)
         waiting.start()
         while not reader.counters()["waits"]:
             pass

@@ -130,7 +130,8 @@ def test_threads_in_the_middle(python: Callable, store_name: str) -> None:
             store.wait_for_change("nobody")
         def show(i):
             store.all_frames_as_yaml(), store.frames()
-        threads = [threading.Thread(target=until_corrupt, args=(f,)) for f in (read, read, write, wait, watch, show)]
+        steps = read, read, write, wait, watch, show
+        threads = [threading.Thread(target=until_corrupt, args=(f,), daemon=True) for f in steps]
         for t in threads:
             t.start()
         while store.version < 300 or store.counters()["waits"] < 2:
