@@ -22,7 +22,7 @@ WATCHDOG_S = 900
 
 spec = importlib.util.spec_from_file_location("model_mutants", ROOT / "tests" / "model" / "mutants.py")
 assert spec and spec.loader
-model = importlib.util.module_from_spec(spec)
+model = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(model)
 
 
@@ -54,7 +54,7 @@ def main(names: list[str]) -> int:
             work = Path(directory)
             shutil.copytree(ROOT / "native", work / "native")
             if name in mutants:
-                model.mutate(work / "native", mutants[name])
+                model.mutate(work / "native", mutants[name].hunks)
             why = caught_by(work / "native", work)
         wrong = (why is None) != (name == "(none)")
         survivors += wrong
