@@ -212,6 +212,7 @@ def test_holes_are_no_crash(store_name: str, python: Callable, part: str) -> Non
         store.set_transforms([T("map", "a", t) for t in (1, 2)])
         size = os.stat("/dev/shm/" + name).st_size
         at, n = {"header": (0, 4096), "frames": (9 * 4096, size - 9 * 4096), "all": (0, size)}[part]
+        bell = f"/dev/shm/.shmtf-bell-{store._info()['uuid']}"
         fd = os.open("/dev/shm/" + name, os.O_RDWR)
         libc = ctypes.CDLL(None, use_errno=True)
         PUNCH, KEEP = 2, 1
@@ -229,6 +230,7 @@ def test_holes_are_no_crash(store_name: str, python: Callable, part: str) -> Non
             except (shmtf.StoreError, shmtf.TransformException) as error:
                 str(error)
         store.close()
+        os.unlink(bell)  # whose name the header told
         try:
             shmtf.Store.attach(name).close()
         except shmtf.StoreError as error:
@@ -252,6 +254,8 @@ def test_watching_it_from_a_shell(store_name: str) -> None:
             os.truncate(path_of(store_name), 0)
             _, err = watching.communicate(timeout=WATCHDOG_S)
             assert watching.returncode > 0
+            with pytest.raises(shmtf.StoreCorruptError):
+                store.frames()
             assert "Traceback" not in err and "cut short" in err, err
         finally:
             watching.kill()
