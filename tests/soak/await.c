@@ -10,7 +10,7 @@
 
 int main(int argc, char **argv) {
     shmtf_error e;
-    if (argc < 4) return 2;
+    if (argc < 4 || prctl(PR_SET_PDEATHSIG, SIGKILL)) return 2;
     uint64_t version, since = strtoull(argv[3], NULL, 10);
     shmtf_store *h = join(argv[1], SHMTF_READONLY);
     const shmtf_ref frame = shmtf_by_name(argv[2]);

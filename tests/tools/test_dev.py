@@ -15,8 +15,8 @@ def test_explains_itself_without_arguments() -> None:
     done = run()
     assert done.returncode == 0
     commands = [line.split()[0] for line in done.stdout.splitlines()[1:] if line[2] != " "]
-    assert commands[:7] == ["setup", "build", "test", "demo", "check", "bench", "native"]
-    assert "prove" in commands
+    assert commands[:6] == ["setup", "build", "test", "demo", "check", "bench"]
+    assert {"prove", "soak", "native"} <= set(commands)
     assert commands[-1] == "ci"
 
 
