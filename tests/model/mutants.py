@@ -27,7 +27,7 @@ NATIVE, UNITS, HISTORY = ROOT / "native", ROOT / "tests" / "native", ROOT / "tes
 FLAGS = ("-std=c11", "-O1", "-w", '-DSHMTF_VERSION_STRING="mutant"')
 WATCHDOG_S = 600
 RECORDING_WATCHDOG_S = 60
-UNIT_TESTS = ("stage", "txn", "ring", "names", "lookup", "arena", "agree", "paused")
+UNIT_TESTS = ("stage", "txn", "ring", "names", "lookup", "arena", "agree", "paused", "paused_helper")
 XSIM_RUNS = ("xsim 1 0 1", "xsim 1 1 2", "xsim 2 0 3", "xsim 2 1 8")
 CHECKERS = (XSIM_RUNS[0], *UNIT_TESTS, "history", *XSIM_RUNS[1:])
 # of one history after the other until one is impossible: milliseconds, writers, readers, kills per second, chaos
@@ -117,7 +117,7 @@ class Build:
             own = [HISTORY / f"{part}.c" for part in ("record", "operations", "reads")]
             core = [f for folder in ("core", "segment", "api") for f in sorted((self.native / folder).glob("*.c"))]
         else:
-            flavour = "steps" if name == "paused" else "plain"
+            flavour = "steps" if name.startswith("paused") else "plain"
             own = [UNITS / f"{name}.c"]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             jobs = [pool.submit(self.object, flavour, f, f not in own) for f in [*core, *own]]
