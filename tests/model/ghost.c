@@ -12,6 +12,12 @@ int ghost_by_handle(const ghost_state *g, uint64_t parent) {
     return -1;
 }
 
+bool ghost_wrote(int thread) {
+    for (uint64_t v = 1; v <= ghost_top; v++)
+        if (ghost[v].writer == thread) return true;
+    return false;
+}
+
 bool ghost_climb(const ghost_state *g, int frame, double *sum, int *root) {
     *sum = 0;
     for (int steps = 0; steps <= GHOST_NAMES; steps++) {

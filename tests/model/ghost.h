@@ -45,6 +45,8 @@ static inline int ghost_index(const char *name) { return name[0] - 'a'; }
 
 /* The next commit, by this thread.  NULL, or what is wrong with it. */
 const char *ghost_commit(int thread, const ghost_intent *intent, int live);
+/* Has this thread committed since the setup? */
+bool ghost_wrote(int thread);
 /* Sum of the values from a frame up to its root; false: a loop. */
 bool ghost_climb(const ghost_state *g, int frame, double *sum, int *root);
 int ghost_by_handle(const ghost_state *g, uint64_t parent);

@@ -48,6 +48,36 @@ static void nearly_full(void) { /* of 4 frames: one is free, and was something b
     xsim_remove(XSIM_SETUP, shmtf_by_name("b"), 1);
     set_edges(XSIM_SETUP, "f", "a", 11, 1, 1);
 }
+static uint64_t old_snapshot; /* of before the setup's last commits */
+static void born_and_removed(void) { /* b, in the old snapshot alone */
+    only_root();
+    set_edges(XSIM_SETUP, "f", "ab", 10, 1, 1);
+    old_snapshot = xsim_snapshot();
+    xsim_remove(XSIM_SETUP, shmtf_by_name("b"), 1);
+    set_edges(XSIM_SETUP, "f", "a", 11, 1, 1);
+}
+static void with_a_past(void) {
+    short_rings();
+    old_snapshot = xsim_snapshot();
+    set_edges(XSIM_SETUP, "f", "ab", 45, 50, 1);
+}
+static void room_for_one(void) { /* ring: e has most of the arena */
+    only_root();
+    xsim_declare(XSIM_SETUP, "e", 5);
+    set_static(XSIM_SETUP, "f", "e", 3);
+}
+static void no_room(void) { /* a has the last ring */
+    room_for_one();
+    for (int i = 1; i <= 3; i++) set_edges(XSIM_SETUP, "f", "a", 10 * i, i, 1);
+}
+static void a_ring_left(void) { /* the last one, by a, which was removed */
+    only_root();
+    xsim_declare(XSIM_SETUP, "e", 4);
+    xsim_declare(XSIM_SETUP, "f", 3);
+    set_edges(XSIM_SETUP, "f", "a", 10, 1, 1);
+    xsim_remove(XSIM_SETUP, shmtf_by_name("a"), 1);
+    set_static(XSIM_SETUP, "f", "e", 3);
+}
 static void fixed(void) {
     set_static(XSIM_SETUP, "f", "a", 3);
     set_edges(XSIM_SETUP, "f", "b", 10, 1, 1);
@@ -154,6 +184,57 @@ static void static_a(int i) { set_static(i, "f", "a", 700 + i); }
 static void static_b(int i) { set_static(i, "f", "b", 750 + i); }
 static void dynamic_a(int i) { set_edges(i, "f", "a", 5, 770 + i, 2); }
 
+static void birth_b(int i) { set_edges(i, "f", "b", 20 + i, 100 * (i + 1), 3); }
+static void read_b_now_and_then(int i) {
+    (void)i;
+    xsim_read_names(old_snapshot, "b");
+    xsim_read_names(xsim_snapshot(), "b");
+}
+static void remove_then_a(int i) {
+    remove_a(i);
+    set_edges(i, "f", "a", 60, 650, 3);
+}
+static void read_then(int i) {
+    (void)i;
+    xsim_read_latest(old_snapshot, "ab");
+    xsim_read_around(old_snapshot, "a", 33);
+}
+static void clear_then_late(int i) {
+    clear_dynamic(i);
+    set_edges(i, "f", "a", 50, 660, 2);
+    set_edges(i, "f", "a", 42, 670, 2);
+}
+static void flip_a(int i) {
+    static_a(i);
+    dynamic_a(i);
+}
+static void wish_ab(int i) { /* waits for its locks, and announces it */
+    xsim_manners(i, false, true);
+    write_ab(i);
+}
+static void wish_b(int i) {
+    xsim_manners(i, false, true);
+    set_edges(i, "f", "b", 210, 690, 2);
+}
+static void polite_a(int i) {
+    xsim_manners(i, true, false);
+    write_a(i);
+}
+static void one_got_it(uint64_t snapshot) { /* two that want the last ring must not both go without */
+    shmtf_frame f;
+    bool none = find_frame(&xs, snapshot, "c", &f) != RING_OK && find_frame(&xs, snapshot, "d", &f) != RING_OK;
+    if (none && !sched_is_dead(0) && !sched_is_dead(1)) xsim_fail("a ring that nobody got", 0, 1);
+}
+static void first_got_through(uint64_t snapshot) { /* who waits does */
+    (void)snapshot;
+    if (!sched_is_dead(0)) xsim_expect(ghost_wrote(0), true, "whether the one who waited wrote");
+}
+static void both_got_through(uint64_t snapshot) {
+    first_got_through(snapshot);
+    if (!sched_is_dead(1)) xsim_expect(ghost_wrote(1), true, "whether the other one who waited wrote");
+}
+
+#pragma GCC diagnostic ignored "-Wmissing-field-initializers" /* few have an end of their own */
 const scenario scenarios[] = {
     {"opposite orders", 3, full_rings, 3, {write_ab, write_ba, read_ab}, 4, "ab"},
     {"helping the last committer", 3, full_rings, 3, {write_a, write_b, read_ab}, 4, "ab"},
@@ -181,5 +262,16 @@ const scenario scenarios[] = {
     {"a ring turns below a time", 3, late_rings, 2, {turn, read_before_all}, 2, "ab"},
     {"static and back", 3, full_rings, 3, {static_a, dynamic_a, read_around}, 4, "ab"},
     {"static records only", 3, fixed, 3, {static_a, static_a, read_twice}, 4, "ab"},
+    {"a name born again", 5, born_and_removed, 3, {birth_b, birth_b, read_b_now_and_then}, 4, "ae"},
+    {"removed and born again", 4, with_a_past, 3, {remove_then_a, write_a, read_a_and_names}, 4, "b"},
+    {"an old snapshot", 3, with_a_past, 3, {write_ab, write_late, read_then}, 4, "ab"},
+    {"clear and late stamps", 3, full_rings, 3, {clear_dynamic, write_late, read_around}, 4, "ab"},
+    {"segments at an old snapshot", 3, with_a_past, 3, {clear_then_late, flip_a, read_then}, 4, "ab"},
+    {"clears against flips", 3, full_rings, 3, {clear_both, flip_a, read_around}, 4, "ab"},
+    {"two births, one ring", 5, room_for_one, 3, {birth_c, birth_d, read_cd}, 4, "e", true, one_got_it},
+    {"two births, a ring left", 4, a_ring_left, 3, {birth_c, birth_d, read_cd}, 4, "e", true, one_got_it},
+    {"a ring changes hands", 5, no_room, 3, {remove_then_c, write_a, read_a_and_names}, 4, "e", true, NULL},
+    {"a wish", 3, short_rings, 3, {wish_ab, polite_a, read_ab}, 4, "ab", false, first_got_through},
+    {"two wishes", 3, short_rings, 2, {wish_ab, wish_b}, 0, "ab", false, both_got_through},
 };
 const int n_scenarios = sizeof scenarios / sizeof *scenarios;

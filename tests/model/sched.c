@@ -29,7 +29,7 @@ typedef enum { RUNNING, DONE, DEAD } thread_state;
 static char stacks[SCHED_THREADS][STACK_BYTES] __attribute__((aligned(64)));
 static context contexts[SCHED_THREADS], scheduler;
 static thread_state state[SCHED_THREADS];
-static bool at_store[SCHED_THREADS];
+static bool at_store[SCHED_THREADS], waits[SCHED_THREADS];
 static int current = -1;
 static const sched_program *program;
 static int choice[MOST_DEPTH], n_options[MOST_DEPTH], ran[MOST_DEPTH], depth, explored;
@@ -62,6 +62,13 @@ void shmtf_step(int kind, const void *word) {
     yield_to_scheduler();
 }
 
+void sched_wait(void) {
+    if (current < 0) return;
+    at_store[current] = false;
+    waits[current] = true;
+    yield_to_scheduler();
+}
+
 void shmtf_failpoint(const char *name) { (void)name; }
 
 static void trampoline(void) {
@@ -74,7 +81,7 @@ static void trampoline(void) {
 
 static void start(int i) {
     state[i] = RUNNING;
-    at_store[i] = false;
+    at_store[i] = waits[i] = false;
 #if defined(__x86_64__)
     void **p = (void **)(void *)(stacks[i] + STACK_BYTES - 64);
     void (*entry)(void) = trampoline;
@@ -101,12 +108,20 @@ static bool chosen(const sched_bounds *b, int last) {
 /* What may happen next: the same thread goes on, another one does, or it dies before its store. */
 static int options(const sched_bounds *b, int last, int preempted, int crashed, int out[2 * SCHED_THREADS]) {
     int n = 0;
-    bool goes_on = last >= 0 && state[last] == RUNNING, here = chosen(b, last);
+    bool goes_on = last >= 0 && state[last] == RUNNING && !waits[last], here = chosen(b, last);
     if (goes_on) out[n++] = last;
     for (int i = 0; i < program->n_threads; i++)
-        if (state[i] == RUNNING && i != last && (!goes_on || (here && preempted < b->preemptions))) out[n++] = i;
+        if (state[i] == RUNNING && !waits[i] && i != last && (!goes_on || (here && preempted < b->preemptions))) out[n++] = i;
     if (goes_on && here && crashed < b->crashes && at_store[last] && program->may_crash[last]) out[n++] = CRASH + last;
     return n;
+}
+
+/* Something has been done, by `but`: the others may look again. */
+static bool wake_all(int but) {
+    bool any = false;
+    for (int i = 0; i < program->n_threads; i++)
+        if (waits[i] && i != but) waits[i] = false, any |= state[i] == RUNNING;
+    return any;
 }
 
 static void run_one(const sched_bounds *b, sched_result *r) {
@@ -116,6 +131,7 @@ static void run_one(const sched_bounds *b, sched_result *r) {
     for (int i = 0; i < program->n_threads; i++) start(i);
     for (;;) {
         int n = options(b, last, preempted, crashed, option);
+        if (!n && wake_all(-1)) continue;
         if (!n) break;
         if (depth == MOST_DEPTH) sched_fail("an execution does not end");
         if (depth >= explored) choice[depth] = 0, explored = depth + 1;
@@ -129,7 +145,8 @@ static void run_one(const sched_bounds *b, sched_result *r) {
             r->crashes++;
             continue;
         }
-        preempted += last >= 0 && state[last] == RUNNING && next != last;
+        preempted += last >= 0 && state[last] == RUNNING && !waits[last] && next != last;
+        wake_all(next);
         last = current = next;
         SWITCH(scheduler, contexts[next]);
         current = -1;

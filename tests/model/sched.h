@@ -37,6 +37,8 @@ typedef struct {
 sched_result sched_explore(const sched_program *program, const sched_bounds *bounds);
 bool sched_is_dead(int thread);
 bool sched_is_done(int thread);
+/* Go on after another thread has done something. */
+void sched_wait(void);
 int sched_current(void); /* the running thread, or -1 */
 /* A violation: print it with the schedule that led there, and exit. */
 void sched_fail(const char *what);

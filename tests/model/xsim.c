@@ -20,14 +20,12 @@ static uint64_t setup_top;
 static ghost_state setup_ghost;
 static long n_reads, n_old, n_conflicts, n_commits;
 
-static void fail(const char *what, uint64_t got, uint64_t want) {
+void xsim_fail(const char *what, uint64_t got, uint64_t want) {
     char text[256];
     snprintf(text, sizeof text, "%s: got %llu, want %llu", what, (unsigned long long)got, (unsigned long long)want);
     sched_fail(text);
 }
-static void expect(uint64_t got, uint64_t want, const char *what) {
-    if (got != want) fail(what, got, want);
-}
+static void expect(uint64_t got, uint64_t want, const char *what) { xsim_expect(got, want, what); }
 
 static void stepped(int thread);
 
@@ -43,6 +41,20 @@ static stage_status stage_intent(writer *wr, const ghost_intent *in) {
     }
 }
 
+/* What is in the way is a dead writer's, or worth waiting for: try again. */
+static bool negotiate(txn *x) {
+    if (owner_dead(lock_slot(x->blocked_by))) {
+        shmtf_word *want = &xs.s.frames[x->blocked_id].want;
+        if (load_acquire(want) == x->blocked_by) cas_acq_rel(want, x->blocked_by, 0);
+        recover_dead(&xs.s, x->blocked_id, x->blocked_by);
+        return true;
+    }
+    if (!x->pushing || x->n_staged) return false;
+    txn_want(x, x->blocked_id);
+    sched_wait();
+    return true;
+}
+
 static stage_status perform(int slot, ghost_intent in, int tries) {
     writer *wr = &writers[slot];
     stage_status st = STAGE_RETRY;
@@ -52,10 +64,8 @@ static stage_status perform(int slot, ghost_intent in, int tries) {
         wr->version = 0;
         st = stage_begin(wr, in.items, in.n);
         if (st == STAGE_OK) st = stage_intent(wr, &in);
-        while (st == STAGE_HELD && owner_dead(lock_slot(wr->x.blocked_by))) {
-            recover_dead(&xs.s, wr->x.blocked_id, wr->x.blocked_by);
-            st = stage_intent(wr, &in);
-        }
+        while (st == STAGE_HELD && negotiate(&wr->x)) st = stage_intent(wr, &in);
+        for (uint32_t id = 0; wr->x.pushing && id <= xs.s.geo.max_frames; id++) txn_unwant(&wr->x, id);
         st = stage_end(wr, st);
         if (sched_current() < 0) stepped(-1); /* the setup and the end are not scheduled */
         if (st == STAGE_OK && wr->version) expect(wr->version, committed_by_slot[slot], "the version a commit reports");
@@ -74,6 +84,13 @@ stage_status xsim_clear(int slot, bool keep_static, int tries) {
     return perform(slot, (ghost_intent){OP_CLEAR, NULL, 0, NULL, keep_static}, tries);
 }
 
+void xsim_manners(int slot, bool yields, bool pushing) {
+    writers[slot].x.yields = yields;
+    writers[slot].x.pushing = pushing;
+}
+
+void xsim_declare(int slot, const char *name, unsigned log2) { expect(declare_named(&writers[slot], name, log2), STAGE_OK, "a ring"); }
+
 bool xsim_adopt(int slot) {
     if (!sched_is_dead(owner_of[slot])) return false;
     owner_of[slot] = sched_current();
@@ -81,7 +98,7 @@ bool xsim_adopt(int slot) {
     memset(writers[slot].x.entry_of, 0, (xs.s.geo.max_frames + 1) * sizeof(uint32_t));
     for (uint32_t id = 0; id <= xs.s.geo.max_frames; id++) {
         uint64_t lock = atomic_load(&xs.s.frames[id].lock);
-        if (lock_owned(lock) && lock_slot(lock) == (unsigned)slot) fail("adoption left a lock of the slot", id, 0);
+        if (lock_owned(lock) && lock_slot(lock) == (unsigned)slot) xsim_fail("adoption left a lock of the slot", id, 0);
     }
     return true;
 }
@@ -221,6 +238,7 @@ static void copy_workspace(writer *to, const writer *from) {
     memcpy((void *)to->x.checked, (const void *)from->x.checked, n * sizeof *to->x.checked);
     to->x.climbs = 0;
     to->x.n = 0;
+    to->x.yields = to->x.pushing = false;
     to->x.live_from = from->x.live_from;
     to->arrival_ns = from->arrival_ns;
 }
@@ -244,58 +262,17 @@ static void stepped(int thread) {
     if (commit_version(commit) == ghost_top) return;
     expect(commit_version(commit), ghost_top + 1, "the version of a commit");
     unsigned slot = commit_slot(commit);
-    if (slot >= XSIM_SLOTS || owner_of[slot] != thread) fail("the slot of a commit", slot, (uint64_t)thread);
+    if (slot >= XSIM_SLOTS || owner_of[slot] != thread) xsim_fail("the slot of a commit", slot, (uint64_t)thread);
     const char *wrong = ghost_commit(thread, &intents[slot], LIVE);
     if (wrong) sched_fail(wrong);
     committed_by_slot[slot] = ghost_top;
     n_commits++;
 }
 
-/* Beside the lock stands what the ring says. */
-static void check_copy(uint32_t id, uint64_t lock, uint64_t head) {
-    shmtf_frame_words_t *f = &xs.s.frames[id];
-    unsigned sel = lock_sel(lock);
-    ring_ref r = {NULL, NULL, NULL, 0};
-    ring_record newest;
-    if (!head_count(head)) return expect(atomic_load(&f->newest_tag[sel]), 0, "the copy of no record");
-    if (!ring_bind(&xs.s, id, head, &r)) fail("the ring of a frame", id, 0);
-    uint64_t slot = ring_slot(&r, head, head_count(head));
-    ring_copy(&r.heads[slot], &r.bodies[slot], &newest);
-    expect(atomic_load(&f->newest_tag[sel]), atomic_load(&r.heads[slot].tag), "the version in the copy of the newest record");
-    expect(atomic_load(&f->newest_stamp[sel]), (uint64_t)newest.stamp, "the stamp in the copy of the newest record");
-    expect(atomic_load(&f->newest_edge[sel]), edge_make(newest.parent, info_kind(newest.info), info_flags(newest.info)), "the edge in the copy");
-    expect(search_base(atomic_load(&f->newest_search[sel])), newest.info & 0xffffff, "the base in the copy of the newest record");
-    expect((uint64_t)(int64_t)load_double(&f->newest[sel].pose[0]), (uint64_t)(int64_t)newest.pose.x, "the value in the copy of the newest record");
-}
-
-static void check_ring(uint32_t id) {
-    uint64_t lock = atomic_load(&xs.s.frames[id].lock), head = atomic_load(&xs.s.frames[id].head[lock_sel(lock)]);
-    ring_ref r = {NULL, NULL, NULL, 0};
-    if (lock_owned(lock)) fail("a lock is left", id, 0);
-    check_copy(id, lock, head);
-    if (!(head & HEAD_BIG)) return;
-    if (!ring_bind(&xs.s, id, head, &r)) fail("the ring of a frame", id, 0);
-    uint64_t seen = 0, count = head_count(head);
-    for (uint64_t p = 1; p <= ring_mask(&r) + 1; p++) seen |= 1ull << ring_slot(&r, head, p);
-    expect(seen, (1ull << (ring_mask(&r) + 1)) - 1, "the index as a permutation");
-    ring_record newest, rec;
-    if (!count) return;
-    uint64_t slot = ring_slot(&r, head, count), live = shmtf_ring_live(r.log2);
-    ring_copy(&r.heads[slot], &r.bodies[slot], &newest);
-    uint64_t first = info_base(newest.info, count), window = count > live ? count - live + 1 : 1;
-    for (uint64_t p = count; p >= first && p >= window; p--) {
-        slot = ring_slot(&r, head, p);
-        ring_copy(&r.heads[slot], &r.bodies[slot], &rec);
-        if (lock_owned(atomic_load(&r.heads[slot].tag))) fail("a record in force without a version", id, p);
-        if (rec.stamp > newest.stamp) fail("a ring that is not sorted", id, p);
-        newest = rec;
-    }
-}
-
 static void finish(void) {
     for (int i = 0; i < XSIM_SETUP; i++)
         if (owner_dead((unsigned)i)) xsim_adopt(i);
-    for (uint32_t id = 0; id <= xs.s.geo.max_frames; id++) check_ring(id);
+    for (uint32_t id = 0; id <= xs.s.geo.max_frames; id++) xsim_check_ring(id);
     uint64_t now = xsim_snapshot();
     expect(commit_version(now), ghost_top, "the last version");
     long old = n_old;
@@ -303,13 +280,17 @@ static void finish(void) {
     xsim_read_around(now, scene->names, LATE_TIME);
     expect((uint64_t)n_old, (uint64_t)old, "a read at rest that was refused");
     uint64_t topology = tree_topology_at(&xs.s, now);
-    if (topology < ghost[ghost_top].shape || topology > ghost_top) fail("the topology word", topology, ghost[ghost_top].shape);
-    for (const char *n = scene->names; *n; n++) { /* a fresh writer goes on */
+    if (topology < ghost[ghost_top].shape || topology > ghost_top) xsim_fail("the topology word", topology, ghost[ghost_top].shape);
+    xsim_manners(XSIM_SETUP, true, false);
+    for (const char *n = scene->names; *n; n++) { /* a fresh writer goes on, and gives way to no wish of the dead */
         const char child[2] = {*n, 0};
         shmtf_transform t = edge_at("f", child, 1000, 99);
         stage_status st = xsim_set(XSIM_SETUP, &t, 1, 1);
-        if (st != STAGE_OK) fail("a fresh writer", st, STAGE_OK);
+        if (st != STAGE_OK) xsim_fail("a fresh writer", st, STAGE_OK);
+        expect(atomic_load(&xs.s.frames[id_of(&xs, child)].want), 0, "a wish that is left");
     }
+    xsim_check_rings_apart();
+    if (scene->after) scene->after(now);
 }
 
 static bool is_point(const void *word) {
@@ -327,7 +308,7 @@ static bool is_point(const void *word) {
         return in == 0 || in == offsetof(shmtf_record_body, parent);
     }
     if (at_byte >= g->off_names && at_byte < g->off_inline) return (at_byte - g->off_names) % sizeof(shmtf_name_t) == 0;
-    if (at_byte < g->off_arena) return true;
+    if (at_byte < g->off_arena || scene->odd_rings) return true;
     size_t in = (at_byte - g->off_arena) % 1024, bodies = sizeof(shmtf_record_head) << 3, index = bodies + (sizeof(shmtf_record_body) << 3);
     if (in < bodies) return in % sizeof(shmtf_record_head) != offsetof(shmtf_record_head, arrival);
     if (in >= index) return in % 16 == 0; /* every fourth entry */

@@ -19,6 +19,8 @@ typedef struct {
     void (*body[SCHED_THREADS])(int thread);
     unsigned readers; /* bit per thread: it writes nothing and is not killed */
     const char *names; /* frames that the end may write to */
+    bool odd_rings; /* rings may lie anywhere in the arena, and each of its words is a point */
+    void (*after)(uint64_t snapshot); /* what else must hold at the end */
 } scenario;
 
 extern const scenario scenarios[];
@@ -29,6 +31,10 @@ extern world xs;
 stage_status xsim_set(int slot, shmtf_transform *items, size_t n, int tries);
 stage_status xsim_remove(int slot, shmtf_ref ref, int tries);
 stage_status xsim_clear(int slot, bool keep_static, int tries);
+/* From now on the slot's transactions give way to wishes, or wait for locks and announce it. */
+void xsim_manners(int slot, bool yields, bool pushing);
+/* A ring of that size for a frame that has none. */
+void xsim_declare(int slot, const char *name, unsigned log2);
 /* If that thread is dead, take over its slot.  True: the slot is the caller's. */
 bool xsim_adopt(int slot);
 
@@ -38,5 +44,13 @@ void xsim_read_latest(uint64_t snapshot, const char *names);               /* by
 void xsim_read_names(uint64_t snapshot, const char *names);                /* by name */
 void xsim_read_around(uint64_t snapshot, const char *names, int64_t time); /* by handle as of the setup */
 void xsim_read_path(uint64_t snapshot, const char *target, const char *source);
+
+/* A violation. */
+void xsim_fail(const char *what, uint64_t got, uint64_t want);
+static inline void xsim_expect(uint64_t got, uint64_t want, const char *what) {
+    if (got != want) xsim_fail(what, got, want);
+}
+void xsim_check_ring(uint32_t id);
+void xsim_check_rings_apart(void);
 
 #endif
