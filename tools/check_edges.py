@@ -3,8 +3,9 @@
 
 An end is a comment `[E3 release]`, `[E3 acquire]` or, for an edge between two full fences, `[E3 seq_cst]` at both
 sites. `pairs with [E3 acquire] in ring.c` is a reference, and the end it names must be in that file. In
-MEMORY_MODEL.md an edge is defined by a heading or a table row that begins with its name. No file but
-native/segment/atomic.h spells an atomic.
+MEMORY_MODEL.md an edge is defined by a heading or a table row that begins with its name. A row of its second table,
+`| E3 | `record.c` ... |`, names the edge's scenarios in tests/model/weak, which exist and speak of the edge. No file
+but native/segment/atomic.h spells an atomic.
 """
 
 import re
@@ -19,6 +20,8 @@ NAMED = r"\[(E\d+)\s+(release|acquire|seq_cst)\b[^\]]*\]"
 END = re.compile(NAMED)
 REFERENCE = re.compile(r"pairs\s+with\s*(?:\*\s*)?" + NAMED + r"(?:\s*in\s+([\w/]+\.[ch]))?")
 DEFINITION = re.compile(r"^(?:#+\s*|\|\s*)\**(E\d+)\b", re.MULTILINE)
+SCENARIO_ROW = re.compile(r"^\|\s*(E\d+)\s*\|(.*)$", re.MULTILINE)
+SCENARIOS = NATIVE.parent / "tests" / "model" / "weak"
 SPELLED = re.compile(r"\b(?:_Atomic|atomic_\w+|__atomic\w*|__sync\w*|memory_order\w*|volatile)\b|<stdatomic\.h>")
 
 Ends = dict[str, dict[str, list[tuple[Path, int]]]]  # edge -> side -> places
@@ -56,6 +59,21 @@ def check_ends(ends: Ends, defined: dict[str, int]) -> list[str]:
     return problems
 
 
+def check_scenarios(text: str, defined: dict[str, int]) -> list[str]:
+    problems = []
+    named: dict[str, list[str]] = defaultdict(list)
+    for match in SCENARIO_ROW.finditer(text):
+        named[match[1]] += re.findall(r"`([\w-]+\.(?:c|litmus))`", match[2])
+    for edge, line in sorted(defined.items()):
+        if not named[edge]:
+            problems.append(problem(MODEL, line, f"{edge} has no scenario in tests/model/weak"))
+        for name in named[edge]:
+            path = SCENARIOS / name
+            if not path.exists() or not re.search(rf"\b{edge}\b", path.read_text()):
+                problems.append(problem(MODEL, line, f"{edge}: tests/model/weak/{name} is not there, or not about it"))
+    return problems
+
+
 def check_spelling(path: Path) -> list[str]:
     if path == ATOMIC_HEADER:
         return []
@@ -78,6 +96,7 @@ def main() -> None:
         for match in re.finditer(r"\bE\d+\b", text):
             if match[0] not in defined:
                 problems.append(problem(MODEL, line_of(text, match.start()), f"{match[0]} is used, not defined"))
+        problems += check_scenarios(text, defined)
     else:
         problems.append(problem(MODEL, 1, "missing"))
     problems += check_ends(ends, defined)

@@ -190,7 +190,7 @@ static bool publish_hint(const shmtf_segment *s, const name_key *key, uint64_t h
         shmtf_bucket *bucket = bucket_of(s, key->hash, b);
         raise_to(&s->global->reach, b);
         for (int i = 0; i < SHMTF_BUCKET_HINTS; i++) {
-            uint64_t old = load_acquire(&bucket->hint[i]);
+            uint64_t old = load_acquire(&bucket->hint[i]); /* whose gen is looked at next [E8 acquire] */
             if ((!old || hint_is_garbage(s, old)) && cas_acq_rel(&bucket->hint[i], old, hint)) return true; /* [E8 release] */
         }
     }

@@ -14,7 +14,7 @@ txn_status txn_begin(txn *x) {
     uint64_t number = load_relaxed(&w->txn) + 1;
     if (number > LOCK_TXN_MASK) return TXN_CORRUPT;
     store_relaxed(&w->txn, number);
-    store_release(&w->state, STATE_ACTIVE);
+    store_release(&w->state, STATE_ACTIVE); /* after the last one's topology [E6 release] */
     SHMTF_FAILPOINT("begun");
     x->own = lock_make(x->slot, number);
     x->n = 0;

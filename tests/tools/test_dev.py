@@ -16,7 +16,7 @@ def test_explains_itself_without_arguments() -> None:
     assert done.returncode == 0
     commands = [line.split()[0] for line in done.stdout.splitlines()[1:] if line[2] != " "]
     assert commands[:6] == ["setup", "build", "test", "demo", "check", "bench"]
-    assert {"prove", "soak", "native"} <= set(commands)
+    assert {"prove", "soak", "model", "native"} <= set(commands)
     assert commands[-1] == "ci"
 
 
