@@ -4,9 +4,12 @@
  * three writer slots, two readers; a writer dies between any two stores, and with -DCRASHES=2 whoever adopts its slot too.
  * Rings are long enough that nothing is evicted: eviction is the business of the scheduler beside this file.
  *
+ *   -DALONE      one writer of both frames, to be killed: with -DCRASHES=2 every pair of deaths is visited in a minute
  *   -DATOMICITY  two writers of both frames: a reader sees one transaction in both, and what was finished before it began
  *   -DFORK       one writer of each frame: no two readers see the two commits in different orders
  *   -DSHAPE      a is put below b, b below a, each having looked at the other; a third writer commits in between
+ *
+ *   -DGOES_ON    who adopts a slot writes both frames next (always with ALONE)
  *
  * In each, what a reader finds in a frame is compared with `truth`, kept by the commits themselves; at the end no lock is
  * left, and what is read then is what was committed.  The switches named WITHOUT_ and WITH_ plant one error each; models.py
@@ -42,10 +45,17 @@
 #define COMMIT(version, slot) ((version) * 4 + (slot))
 #define DECIDED(word, slot, state) (KIND(state) == COMMITTED || (KIND(state) == PREPARED && (word) == COMMIT(VERSION(state), slot)))
 
-#ifdef SHAPE
+#if defined SHAPE
 #define WRITERS 3
+#elif defined ALONE
+#define WRITERS 1
 #else
 #define WRITERS 2
+#endif
+#if defined ALONE || defined GOES_ON
+#define WRITES true
+#else
+#define WRITES false
 #endif
 
 byte commit = 3; /* version 0, by a slot that nobody has */
@@ -376,6 +386,9 @@ proctype reader(byte i; bool a_first) {
 init {
   byte s, l, st, b, h, c, x, own, va, vb;
   atomic {
+#ifdef ALONE
+    run writer(0, 1, true, true, 0, 0);
+#endif
 #ifdef ATOMICITY
     run writer(0, 1, true, true, 0, 0); run writer(1, 2, true, true, 0, 0);
 #endif
@@ -390,8 +403,8 @@ init {
     run reader(1, false);
 #endif
 #endif
-    if :: CRASHES > 0 -> run adopter(1, true) :: else fi;
-    if :: CRASHES > 1 -> run adopter(2, false) :: else fi
+    if :: CRASHES > 0 -> run adopter(1, WRITES) :: else fi;
+    if :: CRASHES > 1 -> run adopter(2, WRITES) :: else fi
   }
   (_nr_pr == 1); /* all are done: nothing is left behind, and the last commit is what a reader finds */
   assert(lock[0] < OWNED && lock[1] < OWNED);

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The models beside this file, quickly; all of them: tools/dev model. Tier: test.
 
-The scheduler itself runs as CTest xsim_*. Here: the Promela model with one planted error found, and that the scenarios for
-weak memory, whose checkers are not packaged, still fit the source that they take apart.
+The scheduler itself runs as CTest xsim_*. Here: the Promela model with planted errors found, and that the scenarios
+for weak memory, whose checkers are not packaged, still fit the source that they take apart.
 """
 
 from __future__ import annotations
