@@ -108,6 +108,7 @@ static PyObject *transform_of(PyObject *self, query *q) {
             PyErr_NoMemory();
             break;
         }
+        if (!py_reader_open(self)) break; /* closed while this waited */
     }
     if (edges != room) PyMem_Free(edges);
     return transform;

@@ -193,6 +193,20 @@ def test_close_ends_waits(store: Store, call: Callable) -> None:
         assert store.name not in maps.read()
 
 
+def test_closed_while_a_long_path_is_waited_for(store_name: str) -> None:
+    """Its answer comes, but does not fit, and cannot be asked for again."""
+    chain = [Transform(f"f{i}", f"f{i + 1}", 1) for i in range(100)]
+    with Store.create(store_name, max_frames=101, history=8) as other:
+        other.set_transforms(chain[:-1])
+        store = Store.attach(store_name)
+        waiter = Waiter(store.lookup_transform, "f0", "f100", timeout=None)
+        until_it_waits(store)
+        store.close()
+        other.set_transform(chain[-1])
+        with pytest.raises(shmtf.ClosedError):
+            waiter.result()
+
+
 def test_a_store_dropped_while_its_thread_waits(store_name: str) -> None:
     store = Store.create(store_name, max_frames=8, history=8)
     waiter = Waiter(store.lookup_transform, "map", "base", timeout=None)
