@@ -131,7 +131,7 @@ PyObject *py_store_set_transforms(PyObject *self, PyObject *const *args, Py_ssiz
     if (!py_reader_open(self) || !py_arguments(&signature, args, n_args, kwnames, given)) return NULL;
     PyObject *batch = PySequence_Tuple(given[0]); /* keeps the items, whatever happens to the list meanwhile */
     py_handle *h = batch ? py_reader_open(self) : NULL; /* a generator may have closed the store */
-    int is_static = given[1] ? PyObject_IsTrue(given[1]) : 0;
+    int is_static = h && given[1] ? PyObject_IsTrue(given[1]) : 0; /* no code of theirs runs beside an exception */
     if (!h || is_static < 0 || !write_options(self, &w, given + 2, &timeout_ns)) {
         Py_XDECREF(batch);
         return NULL;

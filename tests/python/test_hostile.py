@@ -212,6 +212,25 @@ def test_a_name_that_closes_the_store_when_it_is_forgotten(world: World, place: 
     still_works(world)
 
 
+def test_no_argument_is_asked_after_another_was_refused(world: World) -> None:
+    class Asked:
+        def __bool__(self) -> bool:
+            return False
+
+    world.begin()
+    victim = world.victim
+
+    def closes() -> Iterator[Transform]:
+        victim.close()
+        yield Transform("map", "a", 1)
+
+    with pytest.raises(TypeError):
+        victim.set_transforms(None, static=Asked())  # type: ignore[arg-type]
+    with pytest.raises(shmtf.ClosedError):
+        victim.set_transforms(closes(), static=Asked())  # type: ignore[arg-type]
+    world.end()
+
+
 def test_closed_by_another_thread_while_calls_wait(world: World) -> None:
     world.begin()
     victim, ended = world.victim, []
