@@ -64,8 +64,9 @@ shmtf_status shmtf_resolve(shmtf_store *h, const shmtf_snapshot *snapshot, const
 shmtf_status shmtf_frame_name(shmtf_store *h, shmtf_frame frame, char name[SHMTF_NAME_SIZE], shmtf_error *error) {
     error_clear(error);
     shmtf_status st = store_enter(h, error);
-    if (st != SHMTF_OK || names_copy(&h->s, frame, name)) return st;
-    return store_leave(h, error_set(error, SHMTF_LOOKUP, "the handle is stale: its frame was removed", NULL), error);
+    if (st != SHMTF_OK) return st;
+    if (!names_copy(&h->s, frame, name)) st = error_set(error, SHMTF_LOOKUP, "the handle is stale: its frame was removed", NULL);
+    return store_leave(h, st, error);
 }
 
 static ring_status list_frames(shmtf_store *h, uint64_t commit, shmtf_frame *out, size_t max, size_t *n) {
@@ -168,7 +169,7 @@ shmtf_status shmtf_get_frame_info(shmtf_store *h, const shmtf_snapshot *snapshot
     shmtf_status st = all_records(h, snapshot, &frame, &info->frame, &all, &n, (size_t)1 << SHMTF_MAX_RING_LOG2, error);
     if (st == SHMTF_OK) fill_info(h, all, n, info);
     free(all);
-    return st;
+    return store_leave(h, st, error);
 }
 
 static ring_status parent_at(shmtf_store *h, uint64_t commit, const shmtf_ref *ref, const name_key *key, const int64_t *time,
@@ -212,5 +213,6 @@ shmtf_status shmtf_parent(shmtf_store *h, const shmtf_snapshot *snapshot, shmtf_
         error->newest_ns = l.edge_newest;
         error->has_times = 7;
     }
-    return error_set(error, why == LOOKUP_SINGLE ? SHMTF_NO_DATA : why == LOOKUP_FORWARD ? SHMTF_FORWARD : SHMTF_BACKWARD, "edge", NULL);
+    st = why == LOOKUP_SINGLE ? SHMTF_NO_DATA : why == LOOKUP_FORWARD ? SHMTF_FORWARD : SHMTF_BACKWARD;
+    return store_leave(h, error_set(error, st, "edge", NULL), error);
 }

@@ -186,9 +186,8 @@ static shmtf_status run_query(shmtf_store *h, query *q, const shmtf_snapshot *sn
     shmtf_status st = store_enter(h, q->e);
     if (st != SHMTF_OK) return st;
     st = look_until_stable(h, q, snapshot);
-    if (st == SHMTF_OK) return st;
     if (timeout_ns != 0 && !snapshot && may_come(st)) st = look_waiting(h, q, st, deadline_after(timeout_ns));
-    return st == SHMTF_OK ? st : store_leave(h, st, q->e);
+    return store_leave(h, st, q->e);
 }
 
 shmtf_status shmtf_lookup_transform(shmtf_store *store, const shmtf_snapshot *snapshot, shmtf_ref target, shmtf_ref source,

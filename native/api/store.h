@@ -53,8 +53,8 @@ shmtf_status store_enter_slowly(shmtf_store *h, shmtf_error *e);
 static inline shmtf_status store_enter(shmtf_store *h, shmtf_error *e) {
     return hint_get(&h->entry) == peer_fork_count() ? SHMTF_OK : store_enter_slowly(h, e);
 }
-/* Last in a call whose answer may have come from the zeros of a lost mapping: `status`, or CORRUPT.  A transform that was
- * found needs no look: it was checked against a lock word that is not zero. */
+/* Last in a call, since its answer may have come from a lost mapping: `status`, or CORRUPT.  A success, too: another thread
+ * of this handle may have been writing when the file was cut, and made frames of its own in the zeros. */
 shmtf_status store_lost(shmtf_error *e);
 static inline shmtf_status store_leave(const shmtf_store *h, shmtf_status status, shmtf_error *e) {
     return hint_get(&h->entry) == GUARD_LOST ? store_lost(e) : status;
