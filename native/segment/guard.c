@@ -4,6 +4,7 @@
 
 #include <errno.h>
 #include <pthread.h>
+#include <sched.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <sys/mman.h>
@@ -12,7 +13,8 @@
 
 enum { BLOCK = 64 };
 
-/* Changed under `mutex`, read by the handler at any moment: `live` is set last and taken back first. */
+/* Changed under `mutex`, read by the handler at any moment: `live` is set last and taken back first, and a range that is not
+ * live changes only when no handler runs that may have seen it so. */
 typedef struct {
     local_flag live;
     local_hint64 start, size;
@@ -27,6 +29,7 @@ typedef struct block {
 
 static block first;
 static local_hint n_blocks = 1;
+static local_hint handling; /* threads that are in the handler, with a range that was live in their hands */
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static struct sigaction previous;
@@ -80,6 +83,10 @@ void guard_remove(const void *base) {
     pthread_mutex_lock(&mutex);
     range *r = find(base);
     if (r) flag_put(&r->live, 0);
+    /* The place is about to be somebody else's, and so is the entry: a handler that saw it alive must be through. */
+    fence_seq_cst();
+    while (hint_get(&handling)) sched_yield();
+    fence_acquire();
     pthread_mutex_unlock(&mutex);
 }
 
@@ -95,6 +102,7 @@ void guard_before_fork(void) { pthread_mutex_lock(&mutex); }
 void guard_after_fork(bool in_child) {
     range *r;
     for (size_t i = 0; in_child && (r = range_at(i)); i++) flag_put(&r->live, 0);
+    if (in_child) hint_set(&handling, 0); /* those threads did not come along */
     pthread_mutex_unlock(&mutex);
 }
 
@@ -148,9 +156,12 @@ static void pass_on(int number, siginfo_t *info, void *context) {
 static void on_bus_error(int number, siginfo_t *info, void *context) {
     int saved = errno;
     bool done = false;
+    hint_add(&handling, 1);
+    fence_seq_cst();
     if (info->si_code == BUS_ADRERR) done = zero_out_at((uintptr_t)info->si_addr);
     else if (info->si_code <= 0 && info->si_pid == getpid()) done = zero_out_all_lost();
-    if (!done) pass_on(number, info, context);
+    hint_add(&handling, UINT32_MAX);
+    if (!done) pass_on(number, info, context); /* may not come back */
     errno = saved;
 }
 

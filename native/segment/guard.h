@@ -9,7 +9,7 @@
  * of the whole mapping, marks its handle as lost, and lets the access go on; any other SIGBUS goes to the handler that was
  * there before.  It is the whole mapping, so that no read mixes what it saw before with zeros: its last check looks at
  * a lock word that was not zero.  From then on nothing that the handle does reaches the file; calls that are under way go on
- * in the zeros, and look at the mark at last.
+ * in the zeros, and look at the mark at last.  To take a mapping out waits for the handlers that run.
  *
  * What it cannot do.  A thread that blocks SIGBUS is ended by the kernel.  Where zeros cannot be mapped (RLIMIT_DATA, strict
  * overcommit) the signal goes on as if it were foreign.  Hole punching raises no signal: the holes read as zeros.

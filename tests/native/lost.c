@@ -1,11 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0
  * A store's file is cut short before each shared access of each read and write in turn: what the call then says is what it
  * would have said, or CORRUPT; a write that says it is done was done before.  Also while another thread of the handle writes
- * on in the zeros.  Tier: test. */
+ * on in the zeros, and while another thread closes the handle that the handler has in hand.  Tier: test. */
 #define _GNU_SOURCE
+#include <errno.h>
 #include <semaphore.h>
+#include <signal.h>
 #include <stdbool.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "api/store.h"
@@ -228,16 +232,58 @@ static void what_was_never_written(void) {
 }
 #endif
 
+/* ---- another thread closes ---- */
+
+static volatile char *place, *foreign;
+static sem_t close_now, closed;
+
+void *__real_mmap(void *at, size_t size, int protection, int flags, int fd, off_t offset);
+void *__wrap_mmap(void *at, size_t size, int protection, int flags, int fd, off_t offset);
+void *__wrap_mmap(void *at, size_t size, int protection, int flags, int fd, off_t offset) {
+    if (place && at == (void *)(uintptr_t)place && (flags & MAP_ANONYMOUS) && !(flags & MAP_FIXED_NOREPLACE)) {
+        struct timespec until;
+        place = NULL;
+        sem_post(&close_now);
+        clock_gettime(CLOCK_REALTIME, &until);
+        until.tv_sec++;
+        while (sem_timedwait(&closed, &until) && errno == EINTR) continue;
+    }
+    return __real_mmap(at, size, protection, flags, fd, offset);
+}
+static void *close_and_reuse(void *at) {
+    sem_wait(&close_now);
+    shmtf_close(h);
+    foreign = mmap(at, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED_NOREPLACE, -1, 0);
+    NEED(foreign == at);
+    *foreign = 7;
+    sem_post(&closed);
+    return NULL;
+}
+/* A signal without an address, as from a handler above ours, makes the handler look at all mappings. */
+static void closed_in_the_handler(void) {
+    pthread_t closer;
+    make_store();
+    NEED(truncate(path, 0) == 0 && !pthread_create(&closer, NULL, close_and_reuse, h->base));
+    place = h->base;
+    raise(SIGBUS);
+    pthread_join(closer, NULL);
+    EQUAL(*foreign, 7);
+    NEED(shmtf_unlink(name, &e) == SHMTF_OK);
+}
+
 int main(void) {
     snprintf(name, sizeof name, "shmtf-lost-%d", (int)getpid());
     snprintf(path, sizeof path, "/dev/shm/%s", name);
     NEED(shmtf_guard_truncation(&e) == SHMTF_OK);
     sem_init(&writer_waits, 0, 0);
     sem_init(&writer_may, 0, 0);
+    sem_init(&close_now, 0, 0);
+    sem_init(&closed, 0, 0);
     reads_say_so();
     writes_say_so();
 #ifdef SHMTF_STEPS
     what_was_never_written();
 #endif
+    closed_in_the_handler();
     return check_result("lost");
 }
