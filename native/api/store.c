@@ -129,13 +129,14 @@ void shmtf_close(shmtf_store *h) {
     map_file now;
     bool mapped = h->forks == peer_fork_count(); /* in a forked child nothing of it is */
     drop_contexts(h, mapped);
-    if (mapped && hint_get(&h->entry) == GUARD_LOST && !map_stat(h->query_fd, &now) && now.size_bytes < h->s.geo.size_bytes)
+    bool ours = h->query_fd >= 0 && !is_stolen(h->query_fd, &h->file);
+    if (mapped && ours && !map_stat(h->query_fd, &now) && now.size_bytes < h->s.geo.size_bytes)
         bell_remove(h->uuid); /* with the file went the uuid, so nobody else can say which bell is without a store now */
     if (mapped) {
         bell_close(h->bell_map);
         map_release(h->base, h->s.geo.size_bytes);
     }
-    if (h->query_fd >= 0 && !is_stolen(h->query_fd, &h->file)) close(h->query_fd);
+    if (ours) close(h->query_fd);
     pthread_mutex_destroy(&h->mutex);
     free(h->depth);
     free(h->above);

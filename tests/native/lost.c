@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  * A store's file is cut short before each shared access of each read and write in turn: what the call then says is what it
- * would have said, or CORRUPT; a write that says it is done was done before.  Also while another thread of the handle writes
+ * would have said, or CORRUPT; a write that says it is done was done before; no bell stays.  Also while another thread of the handle writes
  * on in the zeros, and while another thread closes the handle that the handler has in hand.  Tier: test. */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -66,8 +66,11 @@ static void make_store(void) {
     }
 }
 static void end_store(void) {
+    char at[64];
+    bell_path(h->uuid, at);
     shmtf_close(h);
     NEED(shmtf_unlink(name, &e) == SHMTF_OK);
+    CHECK(access(at, F_OK) != 0);
 }
 
 /* ---- calls, and what they say as text ---- */
