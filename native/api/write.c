@@ -8,7 +8,7 @@
  *
  * A wish is a courtesy, never a lock: who meets an ordinary one comes again once, who meets one with priority lets go of
  * everything and waits for it, but once a wish and for some milliseconds at most, since its owner may be stopped, and some
- * times an operation at most.
+ * times an operation at most.  A wish that was waited for in vain is taken away.
  */
 #include <errno.h>
 #include <sched.h>
@@ -103,10 +103,13 @@ static verdict negotiate(shmtf_store *h, write_context *c, write_job *j) {
 static verdict be_courteous(const shmtf_store *h, txn *x, write_job *j) {
     if (!wish_first(x->blocked_by)) return GO_ON;
     int64_t nap = PUSH_SLEEP_NS;
-    for (int i = 0; i < COURTESY_SLEEPS && still_blocked(h, x) && in_time(j); i++, nap *= 2) {
+    int i = 0;
+    for (; i < COURTESY_SLEEPS && still_blocked(h, x) && in_time(j); i++, nap *= 2) {
         if (nap > MAX_BACKOFF_NS) nap = MAX_BACKOFF_NS;
         if (clock_sleep_ns(nap) == EINTR) return SIGNALLED;
     }
+    /* It seems to be stopped.  If it is not, it says its wish again; else two such wishes would hold us up by turns, each time. */
+    if (i == COURTESY_SLEEPS) cas_acq_rel(&h->s.frames[x->blocked_id].want, x->blocked_by, 0);
     x->deferred_to = x->blocked_by;
     x->defers = ++j->courtesies < MOST_COURTESIES && in_time(j);
     return GO_ON;

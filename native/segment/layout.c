@@ -174,7 +174,7 @@ static const shmtf_field fields[] = {
     F("frame", shmtf_frame_words_t, newest_search, "the one not in force: the lock's owner"),
     F("frame", shmtf_frame_words_t, ring, "binder or first dynamic writer, under lock, before it is in force"),
     F("frame", shmtf_frame_words_t, floor, "binder, under lock, raised only"),
-    F("frame", shmtf_frame_words_t, want, "a waiting writer, CAS from 0; anybody, CAS from a dead or finished one to 0"),
+    F("frame", shmtf_frame_words_t, want, "a waiting writer, CAS from 0; anybody, CAS to 0 from a dead or finished one, or one waited for in vain"),
     F("frame", shmtf_frame_words_t, first, "binder, under lock, once"),
     F("name", shmtf_name_t, word, "binder, under lock, gen odd"),
     F("record head", shmtf_record_head, tag, "lock's owner; helpers by CAS from the owner's tag"),
