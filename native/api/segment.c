@@ -62,10 +62,9 @@ shmtf_status shmtf_format_fd(int fd, const shmtf_config *config, shmtf_error *er
         return error_system(error, SHMTF_FULL, err, "shared memory",
                             "make the store smaller (max_frames, history, stream_bytes) or /dev/shm larger");
     }
-    if (!err) err = map_memory(fd, geo.size_bytes, 1, &base);
+    if (!err) err = map_memory(fd, geo.size_bytes, 1, &mark, &base);
     if (err) return error_system(error, SHMTF_SYSTEM, err, "reserving the store's memory", NULL);
     if (getrandom(uuid, sizeof uuid, 0) != (ssize_t)sizeof uuid) uuid[0] = (uint64_t)clock_realtime_ns(), uuid[1] = (uint64_t)getpid();
-    guard_watch(base, &mark);
     shmtf_layout_bind(&s, &geo, base);
     shmtf_layout_format(&s, uuid, clock_realtime_ns(), (uint64_t)getpid());
     shmtf_layout_publish(&s);
@@ -139,7 +138,7 @@ shmtf_status shmtf_unlink_bell_fd(int fd, shmtf_error *error) {
     peer_fork_guard();
     int err = map_stat(fd, &file);
     if (!err && file.size_bytes < SHMTF_PAGE) return SHMTF_OK; /* never had one */
-    if (!err) err = map_memory(fd, SHMTF_PAGE, 0, &page);
+    if (!err) err = map_memory(fd, SHMTF_PAGE, 0, NULL, &page);
     if (err) return error_system(error, SHMTF_SYSTEM, err, "reading the store's header", NULL);
     const shmtf_header *h = page;
     uint64_t uuid[2] = {load_relaxed(&h->uuid[0]), load_relaxed(&h->uuid[1])};

@@ -18,11 +18,10 @@ static void put_text(shmtf_word *words, const char *text) {
 
 static shmtf_status map_segment(shmtf_store *h, const shmtf_geometry *geo, shmtf_error *e) {
     int fd = h->query_fd, err = h->readonly ? 0 : map_reopen(h->query_fd, 1, &fd);
-    if (!err) err = map_memory(fd, geo->size_bytes, !h->readonly, &h->base);
+    if (!err) err = map_memory(fd, geo->size_bytes, !h->readonly, &h->entry, &h->base);
     if (fd != h->query_fd && fd >= 0) close(fd);
     if (err) return error_system(e, SHMTF_SYSTEM, err, "mapping the store", NULL);
     shmtf_layout_bind(&h->s, geo, h->base);
-    guard_watch(h->base, &h->entry);
     return SHMTF_OK;
 }
 
@@ -34,7 +33,7 @@ static shmtf_status check_header(shmtf_store *h, shmtf_geometry *geo, shmtf_erro
         if (size == 0 && peer_creator_alive(h->query_fd)) return error_set(e, SHMTF_NOT_READY, "its creator is making it", NULL);
         return error_set(e, SHMTF_VERSION, "too small to be a store", "remove it, if nothing else uses it");
     }
-    int err = map_memory(h->query_fd, SHMTF_PAGE, 0, &page);
+    int err = map_memory(h->query_fd, SHMTF_PAGE, 0, NULL, &page);
     if (err) return error_system(e, SHMTF_SYSTEM, err, "mapping the header", NULL);
     shmtf_header_state state = shmtf_layout_read(page, size, geo, &why);
     const shmtf_header *header = page;
@@ -164,7 +163,9 @@ shmtf_status store_enter_slowly(shmtf_store *h, shmtf_error *e) {
             h->bell_map = NULL;
             h->bell_retry_ns = 0;
             flag_give(&h->has_bell);
-            hint_set(&h->entry, h->forks = peer_fork_count());
+            uint32_t before = h->forks;
+            h->forks = peer_fork_count();
+            if (!hint_change(&h->entry, before, h->forks)) st = store_lost(e); /* already: keep the mark */
         }
     }
     peer_fork_unlock();

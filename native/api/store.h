@@ -51,7 +51,7 @@ struct shmtf_store {
 /* First in every call: a forked child gets mappings of its own, and a handle whose file was cut short is of no more use. */
 shmtf_status store_enter_slowly(shmtf_store *h, shmtf_error *e);
 static inline shmtf_status store_enter(shmtf_store *h, shmtf_error *e) {
-    return hint_get(&h->entry) == peer_fork_count() ? SHMTF_OK : store_enter_slowly(h, e);
+    return hint_get_acquire(&h->entry) == peer_fork_count() ? SHMTF_OK : store_enter_slowly(h, e);
 }
 /* Last in a call, since its answer may have come from a lost mapping: `status`, or CORRUPT.  A success, too: another thread
  * of this handle may have been writing when the file was cut, and made frames of its own in the zeros. */

@@ -155,6 +155,10 @@ typedef _Atomic uint32_t local_hint;
 typedef _Atomic uint64_t local_hint64;
 static inline uint32_t hint_get(const local_hint *h) { return atomic_load_explicit(h, memory_order_relaxed); }
 static inline void hint_set(local_hint *h, uint32_t v) { atomic_store_explicit(h, v, memory_order_relaxed); }
+static inline uint32_t hint_get_acquire(const local_hint *h) { return atomic_load_explicit(h, memory_order_acquire); }
+static inline bool hint_change(local_hint *h, uint32_t from, uint32_t to) { /* with release */
+    return atomic_compare_exchange_strong_explicit(h, &from, to, memory_order_acq_rel, memory_order_relaxed);
+}
 static inline void hint_add(local_hint *h, uint32_t n) { atomic_fetch_add_explicit(h, n, memory_order_acq_rel); }
 static inline uint64_t hint64_get(const local_hint64 *h) { return atomic_load_explicit(h, memory_order_relaxed); }
 static inline void hint64_set(local_hint64 *h, uint64_t v) { atomic_store_explicit(h, v, memory_order_relaxed); }

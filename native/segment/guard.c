@@ -65,14 +65,14 @@ static range *find_free(void) {
     return &more->range[0];
 }
 
-int guard_add(void *base, uint64_t size_bytes, int writable) {
+int guard_add(void *base, uint64_t size_bytes, int writable, local_hint *mark) {
     pthread_mutex_lock(&mutex);
     range *r = find_free();
     if (r) {
         hint64_set(&r->start, (uintptr_t)base);
         hint64_set(&r->size, size_bytes);
         r->writable = writable;
-        r->mark = NULL;
+        r->mark = mark;
         flag_put(&r->live, 1);
     }
     pthread_mutex_unlock(&mutex);
@@ -87,13 +87,6 @@ void guard_remove(const void *base) {
     fence_seq_cst();
     while (hint_get(&handling)) sched_yield();
     fence_acquire();
-    pthread_mutex_unlock(&mutex);
-}
-
-void guard_watch(const void *base, local_hint *mark) {
-    pthread_mutex_lock(&mutex);
-    range *r = find(base);
-    if (r) r->mark = mark;
     pthread_mutex_unlock(&mutex);
 }
 

@@ -27,11 +27,10 @@
 /* Install the handler, once for the process: 0 or an errno value. */
 int guard_install(void);
 
-/* List a mapping that forked children do not inherit: 0 or ENOMEM.  Take it out before it is unmapped. */
-int guard_add(void *base, uint64_t size_bytes, int writable);
+/* List a mapping that forked children do not inherit: 0 or ENOMEM.  When it is lost, *mark becomes GUARD_LOST (NULL: nobody
+ * is told); the mark must live as long as the mapping.  Take it out before it is unmapped. */
+int guard_add(void *base, uint64_t size_bytes, int writable, local_hint *mark);
 void guard_remove(const void *base);
-/* Set *mark to GUARD_LOST when this mapping is lost.  The mark must live as long as the mapping. */
-void guard_watch(const void *base, local_hint *mark);
 
 /* Around fork: the list is whole in the child, and empty. */
 void guard_before_fork(void);

@@ -41,10 +41,10 @@ int map_reopen(int fd, int writable, int *out) {
     return *out < 0 ? errno : 0;
 }
 
-int map_memory(int fd, uint64_t size_bytes, int writable, void **base) {
+int map_memory(int fd, uint64_t size_bytes, int writable, local_hint *mark, void **base) {
     *base = mmap(NULL, size_bytes, writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED, fd, 0);
     if (*base == MAP_FAILED) return *base = NULL, errno;
-    int e = madvise(*base, size_bytes, MADV_DONTFORK) ? errno : guard_add(*base, size_bytes, writable);
+    int e = madvise(*base, size_bytes, MADV_DONTFORK) ? errno : guard_add(*base, size_bytes, writable, mark);
     if (e) {
         munmap(*base, size_bytes);
         return *base = NULL, e;

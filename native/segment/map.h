@@ -9,6 +9,8 @@
 #include <stdint.h>
 #include <sys/types.h>
 
+#include "segment/atomic.h"
+
 typedef struct {
     dev_t dev;
     ino_t ino;
@@ -24,8 +26,8 @@ int map_stat(int fd, map_file *file);
 int map_reserve(int fd, uint64_t size_bytes);
 /* Another open file description of the same file, whatever its name is by now. */
 int map_reopen(int fd, int writable, int *out);
-/* Map a file; never inherited by forked children, never in core dumps, known to the guard. */
-int map_memory(int fd, uint64_t size_bytes, int writable, void **base);
+/* Map a file; never inherited by forked children, never in core dumps, known to the guard (`mark`, or NULL: guard.h). */
+int map_memory(int fd, uint64_t size_bytes, int writable, local_hint *mark, void **base);
 void map_release(void *base, uint64_t size_bytes);
 /* "/dev/shm/" and a name that contains no '/', does not start with '.', and is not too long: 0 or EINVAL. */
 int map_path(const char *name, char *path, size_t size);

@@ -65,7 +65,7 @@ static int claim_on(int fd, unsigned n_slots, unsigned hint, unsigned *slot, voi
         *slot = (hint + i) % n_slots;
         int e = byte_lock(fd, F_OFD_SETLK, SLOT_OFFSET + *slot, &l);
         if (e == EAGAIN || e == EACCES) continue;
-        return e ? e : map_memory(fd, ANCHOR_BYTES, 0, anchor);
+        return e ? e : map_memory(fd, ANCHOR_BYTES, 0, NULL, anchor);
     }
     return EAGAIN;
 }

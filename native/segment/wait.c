@@ -67,7 +67,7 @@ bell *bell_open(const uint64_t uuid[2], const map_file *file) {
     int fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
     if (fd < 0 && errno == ENOENT && geteuid() == file->owner && file->links) fd = make_bell(path, file);
     if (fd < 0) return NULL;
-    if (map_stat(fd, &found) || found.owner != file->owner || found.size_bytes != BELL_BYTES || map_memory(fd, BELL_BYTES, 1, &base))
+    if (map_stat(fd, &found) || found.owner != file->owner || found.size_bytes != BELL_BYTES || map_memory(fd, BELL_BYTES, 1, NULL, &base))
         base = NULL;
     close(fd);
     return base;
