@@ -31,7 +31,7 @@ XSIM_CI = ((1, 0, 1), (1, 1, 1), (2, 1, 5), (1, 2, 3))
 XSIM_ALL = (*XSIM_CI, (2, 0, 1), (2, 1, 2), (1, 2, 1), (2, 2, 6), (3, 1, 9))
 
 SPIN_CI = (("ALONE", 2), ("ATOMICITY", 0), ("SHAPE", 0))
-SPIN_ALL = (*SPIN_CI, ("FORK", 0), ("ATOMICITY", 1), ("FORK", 1))
+SPIN_ALL = (*SPIN_CI, ("FORK", 0), ("ATOMICITY", 1))
 PLANTED = (
     ("WITHOUT_DECIDED", "ATOMICITY", 0),
     ("WITHOUT_VERSIONS", "ATOMICITY", 0),

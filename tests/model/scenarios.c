@@ -209,15 +209,19 @@ static void flip_a(int i) {
     dynamic_a(i);
 }
 static void wish_ab(int i) { /* waits for its locks, and announces it */
-    xsim_manners(i, false, true);
+    xsim_manners(i, WAITS);
     write_ab(i);
 }
 static void wish_b(int i) {
-    xsim_manners(i, false, true);
+    xsim_manners(i, WAITS);
     set_edges(i, "f", "b", 210, 690, 2);
 }
+static void wish_ab_first(int i) { /* with priority */
+    xsim_manners(i, WAITS_FIRST);
+    write_ab(i);
+}
 static void polite_a(int i) {
-    xsim_manners(i, true, false);
+    xsim_manners(i, POLITE);
     write_a(i);
 }
 static void one_got_it(uint64_t snapshot) { /* two that want the last ring must not both go without */
@@ -272,6 +276,7 @@ const scenario scenarios[] = {
     {"two births, a ring left", 4, a_ring_left, 3, {birth_c, birth_d, read_cd}, 4, "e", true, one_got_it},
     {"a ring changes hands", 5, no_room, 3, {remove_then_c, write_a, read_a_and_names}, 4, "e", true, NULL},
     {"a wish", 3, short_rings, 3, {wish_ab, polite_a, read_ab}, 4, "ab", false, first_got_through},
+    {"a wish with priority", 3, short_rings, 3, {wish_ab_first, wish_b, polite_a}, 0, "ab", false, first_got_through},
     {"two wishes", 3, short_rings, 2, {wish_ab, wish_b}, 0, "ab", false, both_got_through},
 };
 const int n_scenarios = sizeof scenarios / sizeof *scenarios;

@@ -10,7 +10,7 @@
 #include "segment/atomic.h"
 #include "segment/failpoint.h"
 
-enum { STACK_BYTES = 1 << 16, MOST_DEPTH = 1 << 14, CRASH = 16 };
+enum { STACK_BYTES = 1 << 16, MOST_DEPTH = 1 << 14, MOST_SHOWN = 64, CRASH = 16 };
 
 #if defined(__x86_64__)
 typedef void *context;
@@ -41,8 +41,9 @@ int sched_current(void) { return current; }
 
 void sched_fail(const char *what) {
     printf("VIOLATION: %s\n  after %ld executions; the schedule, as thread x steps (! crash):", what, executions);
-    for (int i = 0, n = 1; i < depth; i++, n++) {
+    for (int i = 0, n = 1, shown = 0; i < depth && shown < MOST_SHOWN; i++, n++) {
         if (i + 1 < depth && ran[i + 1] == ran[i]) continue;
+        shown++;
         if (ran[i] >= CRASH) printf(" %d!", ran[i] - CRASH);
         else printf(" %dx%d", ran[i], n);
         n = 0;
@@ -116,7 +117,7 @@ static int options(const sched_bounds *b, int last, int preempted, int crashed, 
     return n;
 }
 
-/* Something has been done, by `but`: the others may look again. */
+/* Something is about to change, by `but`: the others may look again. */
 static bool wake_all(int but) {
     bool any = false;
     for (int i = 0; i < program->n_threads; i++)
@@ -143,10 +144,11 @@ static void run_one(const sched_bounds *b, sched_result *r) {
             last = -1;
             crashed++;
             r->crashes++;
+            wake_all(-1);
             continue;
         }
         preempted += last >= 0 && state[last] == RUNNING && !waits[last] && next != last;
-        wake_all(next);
+        if (at_store[next]) wake_all(next); /* two that wait and look must not keep each other awake */
         last = current = next;
         SWITCH(scheduler, contexts[next]);
         current = -1;

@@ -37,7 +37,7 @@ typedef struct {
 sched_result sched_explore(const sched_program *program, const sched_bounds *bounds);
 bool sched_is_dead(int thread);
 bool sched_is_done(int thread);
-/* Go on after another thread has done something. */
+/* Go on after another thread has stored something, or died. */
 void sched_wait(void);
 int sched_current(void); /* the running thread, or -1 */
 /* A violation: print it with the schedule that led there, and exit. */

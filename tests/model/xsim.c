@@ -49,7 +49,7 @@ static bool negotiate(txn *x) {
         recover_dead(&xs.s, x->blocked_id, x->blocked_by);
         return true;
     }
-    if (!x->pushing || x->n_staged) return false;
+    if (!x->pushing || x->n_staged || x->wished) return false;
     txn_want(x, x->blocked_id);
     sched_wait();
     return true;
@@ -84,9 +84,11 @@ stage_status xsim_clear(int slot, bool keep_static, int tries) {
     return perform(slot, (ghost_intent){OP_CLEAR, NULL, 0, NULL, keep_static}, tries);
 }
 
-void xsim_manners(int slot, bool yields, bool pushing) {
-    writers[slot].x.yields = yields;
-    writers[slot].x.pushing = pushing;
+void xsim_manners(int slot, xsim_manner m) {
+    txn *x = &writers[slot].x;
+    x->yields = x->defers = m == POLITE;
+    x->pushing = m == WAITS || m == WAITS_FIRST;
+    x->priority = m == WAITS_FIRST;
 }
 
 void xsim_declare(int slot, const char *name, unsigned log2) { expect(declare_named(&writers[slot], name, log2), STAGE_OK, "a ring"); }
@@ -238,7 +240,8 @@ static void copy_workspace(writer *to, const writer *from) {
     memcpy((void *)to->x.checked, (const void *)from->x.checked, n * sizeof *to->x.checked);
     to->x.climbs = 0;
     to->x.n = 0;
-    to->x.yields = to->x.pushing = false;
+    to->x.yields = to->x.defers = to->x.pushing = to->x.priority = false;
+    to->x.deferred_to = 0;
     to->x.live_from = from->x.live_from;
     to->arrival_ns = from->arrival_ns;
 }
@@ -281,7 +284,7 @@ static void finish(void) {
     expect((uint64_t)n_old, (uint64_t)old, "a read at rest that was refused");
     uint64_t topology = tree_topology_at(&xs.s, now);
     if (topology < ghost[ghost_top].shape || topology > ghost_top) xsim_fail("the topology word", topology, ghost[ghost_top].shape);
-    xsim_manners(XSIM_SETUP, true, false);
+    xsim_manners(XSIM_SETUP, POLITE);
     for (const char *n = scene->names; *n; n++) { /* a fresh writer goes on, and gives way to no wish of the dead */
         const char child[2] = {*n, 0};
         shmtf_transform t = edge_at("f", child, 1000, 99);

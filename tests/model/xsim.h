@@ -31,8 +31,9 @@ extern world xs;
 stage_status xsim_set(int slot, shmtf_transform *items, size_t n, int tries);
 stage_status xsim_remove(int slot, shmtf_ref ref, int tries);
 stage_status xsim_clear(int slot, bool keep_static, int tries);
-/* From now on the slot's transactions give way to wishes, or wait for locks and announce it. */
-void xsim_manners(int slot, bool yields, bool pushing);
+/* From now on the slot's transactions give way to wishes, or wait for locks and announce it, with priority or without. */
+typedef enum { POLITE, WAITS, WAITS_FIRST } xsim_manner;
+void xsim_manners(int slot, xsim_manner manner);
 /* A ring of that size for a frame that has none. */
 void xsim_declare(int slot, const char *name, unsigned log2);
 /* If that thread is dead, take over its slot.  True: the slot is the caller's. */
