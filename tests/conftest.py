@@ -10,6 +10,7 @@ import sys
 import textwrap
 import uuid
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import hypothesis
 import pytest
@@ -17,6 +18,7 @@ import pytest
 import shmtf
 
 SHM = "/dev/shm"
+ROOT = Path(__file__).resolve().parents[1]
 
 # a loaded machine is no finding
 hypothesis.settings.register_profile("no deadline", deadline=None)
@@ -41,6 +43,22 @@ def new_name() -> Iterator[Callable[[], str]]:
         except shmtf.StoreError:  # a test put something else there
             path = os.path.join(SHM, name)
             (os.rmdir if os.path.isdir(path) else os.unlink)(path)
+
+
+@pytest.fixture(scope="session")
+def program() -> Callable[[str], Path]:
+    """Path of a program that CMake builds for the tests; skips where the C tests are not built."""
+
+    def find(name: str) -> Path:
+        build = os.environ.get("SHMTF_NATIVE_BUILD")
+        path = Path(build or ROOT / "build" / "native") / "programs" / name
+        if not path.exists():
+            if build:
+                pytest.fail(f"{path} was not built")
+            pytest.skip(f"{name} is not built: tools/dev native")
+        return path
+
+    return find
 
 
 @pytest.fixture

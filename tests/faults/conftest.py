@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
 WATCHDOG_S = 120
 SMALL = {"max_frames": 16, "history": 8, "stream_bytes": 1 << 12}
 
@@ -53,20 +52,6 @@ def preload(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
         return str(target)
 
     return build
-
-
-@pytest.fixture(scope="session")
-def program() -> Callable[[str], str]:
-    """Path of a program of tests/processes; skips where the C tests are not built."""
-
-    def find(name: str) -> str:
-        build = os.environ.get("SHMTF_NATIVE_BUILD")
-        path = Path(build or ROOT / "build" / "native") / "programs" / name
-        if not path.exists():
-            pytest.skip(f"{name} is not built: tools/dev native")
-        return str(path)
-
-    return find
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ import sys
 import textwrap
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -76,7 +77,7 @@ READS = """
 """
 
 
-def test_a_reader_changes_no_bit(store: Store, python: Callable, program: Callable[[str], str]) -> None:
+def test_a_reader_changes_no_bit(store: Store, python: Callable, program: Callable[[str], Path]) -> None:
     """Every call there is, beside frames that a dead writer left locked, before and after its commit."""
     with Store.create(store.name + "-w", max_frames=16, history=14, cache_time=None, stream_bytes=1 << 14) as world:
         try:

@@ -7,6 +7,7 @@ import multiprocessing
 import operator
 import os
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -199,7 +200,7 @@ def test_exec_gives_the_slot_back(python: Callable, store: Store) -> None:
     assert store.lookup_latest_transform("map", "a").stamp == 2
 
 
-def test_thousands_of_attachments(program: Callable[[str], str], store: Store) -> None:
+def test_thousands_of_attachments(program: Callable[[str], Path], store: Store) -> None:
     import subprocess
 
     before = set(os.listdir("/dev/shm"))

@@ -42,6 +42,8 @@ enum { N_WORLDS = 2, N_NAMES = 20 };
 extern char image_names[N_NAMES][8];
 /* Made once a process. */
 const image *images_all(unsigned *n);
+/* Begin with this input, which first chooses one of them. */
+const image *images_begin(const uint8_t *data, size_t size);
 void image_geometry(unsigned world, shmtf_geometry *geo);
 /* Called by watch.c at each named step while images are made. */
 void images_failpoint(const char *name);

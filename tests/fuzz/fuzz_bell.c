@@ -62,11 +62,7 @@ static void make_bell_file(void) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    unsigned n;
-    const image *all = images_all(&n);
-    take_from(data, size);
-    tally.inputs++;
-    const image *i = &all[take(n)];
+    const image *i = images_begin(data, size);
     shmtf_geometry geo;
     bench *b = bench_load(i, false);
     image_geometry(i->world, &geo);

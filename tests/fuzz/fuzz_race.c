@@ -10,11 +10,7 @@ const char *const fuzz_target = "fuzz_race";
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static const uint32_t periods[] = {2, 8, 30, 200, 1000};
-    unsigned n;
-    const image *all = images_all(&n);
-    take_from(data, size);
-    tally.inputs++;
-    const image *i = &all[take(n)];
+    const image *i = images_begin(data, size);
     shmtf_geometry geo;
     bench *b = bench_load(i, one_in(4));
     image_geometry(i->world, &geo);

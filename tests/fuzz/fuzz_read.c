@@ -9,11 +9,7 @@
 const char *const fuzz_target = "fuzz_read";
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    unsigned n;
-    const image *all = images_all(&n);
-    take_from(data, size);
-    tally.inputs++;
-    const image *i = &all[take(n)];
+    const image *i = images_begin(data, size);
     shmtf_geometry geo;
     unsigned flags = take(2) ? SHMTF_READONLY : 0;
     bool odd = one_in(32);

@@ -9,11 +9,7 @@
 const char *const fuzz_target = "fuzz_write";
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    unsigned n;
-    const image *all = images_all(&n);
-    take_from(data, size);
-    tally.inputs++;
-    const image *i = &all[take(n)];
+    const image *i = images_begin(data, size);
     shmtf_geometry geo;
     bench *b = bench_load(i, one_in(2));
     image_geometry(i->world, &geo);

@@ -156,3 +156,11 @@ const image *images_all(unsigned *n) {
     *n = n_images;
     return images;
 }
+
+const image *images_begin(const uint8_t *data, size_t size) {
+    unsigned n;
+    const image *all = images_all(&n);
+    take_from(data, size);
+    tally.inputs++;
+    return &all[take(n)];
+}

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The programs of this folder, and its modules."""
+"""Recordings and their verdicts; the modules of this folder."""
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -12,26 +11,9 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
 WATCHDOG_S = 240
 
 sys.path.insert(0, str(HERE))
-
-
-@pytest.fixture(scope="session")
-def program() -> Callable[[str], Path]:
-    """Path of a program of this folder; skips where the C tests are not built."""
-
-    def find(name: str) -> Path:
-        build = os.environ.get("SHMTF_NATIVE_BUILD")
-        path = Path(build or ROOT / "build" / "native") / "programs" / name
-        if not path.exists():
-            if build:
-                pytest.fail(f"{path} was not built")
-            pytest.skip(f"{name} is not built: tools/dev native")
-        return path
-
-    return find
 
 
 @pytest.fixture

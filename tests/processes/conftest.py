@@ -3,31 +3,13 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
 WATCHDOG_S = 240
-
-
-@pytest.fixture(scope="session")
-def program() -> Callable[[str], Path]:
-    """Path of a program of tests/processes; skips where the C tests are not built."""
-
-    def find(name: str) -> Path:
-        build = os.environ.get("SHMTF_NATIVE_BUILD")
-        path = Path(build or ROOT / "build" / "native") / "programs" / name
-        if not path.exists():
-            if build:
-                pytest.fail(f"{path} was not built")
-            pytest.skip(f"{name} is not built: tools/dev native")
-        return path
-
-    return find
 
 
 @pytest.fixture
