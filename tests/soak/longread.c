@@ -115,7 +115,7 @@ int main(int argc, char **argv) {
     int writers = atoi(argv[3]), bad = 0;
     long reads = atol(argv[4]), before = 0, sum = 0;
     if (n_frames < 16 || n_frames > MOST_FRAMES || writers < 0 || writers > MOST || reads < 1) return 2;
-    shmtf_config c = {.max_frames = (uint32_t)n_frames + 1, .history = 60, .cache_time_ns = -1, .stream_bytes = 0, .max_writers = MOST};
+    shmtf_config c = {.max_frames = (uint32_t)n_frames + 1, .history = 30, .cache_time_ns = -1, .stream_bytes = 0, .max_writers = MOST};
     all = shared_memory(sizeof *all);
     names = calloc((size_t)n_frames + 1, sizeof *names);
     if (!names || shmtf_create(store_name, &c, 0600, &e)) stop("create", &e);
