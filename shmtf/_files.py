@@ -83,9 +83,8 @@ def _open(name: str, readonly: bool, flags: int = 0, mode: int = 0o600) -> int:
 def opened(name: str, readonly: bool) -> Iterator[int]:
     """A descriptor of an existing segment; posix_ipc opens it and never removes it."""
     with typed_errors(name):
-        if not stat.S_ISREG(
-            os.lstat(os.path.join(DIRECTORY, name)).st_mode
-        ):  # opening a FIFO would wait for its writer
+        mode = os.lstat(os.path.join(DIRECTORY, name)).st_mode
+        if not stat.S_ISREG(mode):  # opening a FIFO would wait for its writer
             raise StoreVersionError(what="it is no shared memory object")
         fd = _open(name, readonly)
     try:
